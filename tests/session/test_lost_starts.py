@@ -21,14 +21,10 @@ FOREVER = 1000
 
 
 class PoorLine:
-    """Flips a bit of some requests that start a stream, or of what responds to them.
-
-    Attributes:
-        left: How many are still to be damaged.
-    """
+    """Flips a bit of some requests that start a stream, or of what responds to them."""
 
     def __init__(self, rig: Rig, way: str) -> None:
-        self.left = 0
+        self.left = 0  # how many are still to be damaged
         self._way = way
         self._responds = False
         self._device: Any = rig.device

@@ -65,16 +65,11 @@ class Fails(Exception):
 
 
 class Program:
-    """What the tasks of one seed do.
-
-    Attributes:
-        pulled: Whether the cable was pulled out.
-        longest_s: The longest call.
-    """
+    """What the tasks of one seed do."""
 
     def __init__(self, seed: int, lidar: Lidar, cable: Cable) -> None:
-        self.pulled = False
-        self.longest_s = 0.0
+        self.pulled = False  # whether the cable was pulled out
+        self.longest_s = 0.0  # the longest call
         self._random = random.Random(seed)
         self._lidar = lidar
         self._cable = cable

@@ -42,8 +42,6 @@ class Scene:
     """What both tasks see.
 
     Attributes:
-        rig: The device.
-        lidar: The session.
         streams: Every stream that was made; they are held until the end, so that none is left unnoticed.
     """
 
@@ -171,17 +169,9 @@ def may_end_with(a: Work, b: Work, error: BaseException, *, of_b: bool) -> bool:
 
 
 async def both(scene: Scene, a: Work, b: Work, step: int, *, silent: bool = False) -> float:
-    """Run A, and B when the loop has gone round `step` times; then look at what is left.
+    """Run A, and B when the loop has gone round `step` times, as the device falls silent or not.
 
-    Args:
-        scene: What both see.
-        a: What A does.
-        b: What B does.
-        step: When B begins.
-        silent: Whether the device falls silent when B begins.
-
-    Returns:
-        Seconds from the begin of B to the end of A.
+    Returns the seconds from the begin of B to the end of A.
     """
     loop = driven_loop()
     task_a = asyncio.ensure_future(a(scene))

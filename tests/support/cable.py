@@ -17,20 +17,13 @@ from tests.support.loop import now, now_ns
 
 
 class Cable:
-    """What a session on `rig.device` is connected by, as often as it connects.
-
-    Attributes:
-        rig: The device that it belongs to.
-        device: What is at its other end; None while it is pulled out.
-        attempts: When it was tried to connect, on the loop's clock.
-        ports: The session's end of each line that was connected, and the latest last.
-    """
+    """What a session on `rig.device` is connected by, as often as it connects."""
 
     def __init__(self, rig: Rig) -> None:
-        self.device: Any = rig.device
-        self.attempts: list[float] = []
-        self.rig = rig
-        self.ports: list[Port] = []
+        self.device: Any = rig.device  # what is at its other end; None while it is pulled out
+        self.attempts: list[float] = []  # when it was tried to connect, on the loop's clock
+        self.rig = rig  # the device that it belongs to
+        self.ports: list[Port] = []  # the session's end of each line that was connected, and the latest last
         self._lines: list[MemoryTransport] = []
         self._connect = simulated.connect_in_memory
 

@@ -20,18 +20,14 @@ class Maker(NamedTuple):
     """What a family says of the device that stands for it.
 
     Attributes:
-        make: Makes a simulated device by its name.
-        model: The name of the one that is used where nothing else is said.
-        turn_s: How long one of its revolutions takes.
-        obeys: Whether it obeys requests, and so is asked, stopped and reset in most tests of sessions.
         tuned: Whether its scan frequency can be set, and it hears right behind a stop request: most of these tests
             rest on that. Others run with each that obeys.
     """
 
-    make: Callable[..., Any]
-    model: str
-    turn_s: float
-    obeys: bool
+    make: Callable[..., Any]  # makes a simulated device by its name
+    model: str  # the name of the one that is used where nothing else is said
+    turn_s: float  # how long one of its revolutions takes
+    obeys: bool  # whether it obeys requests, and so is asked, stopped and reset in most tests of sessions
     tuned: bool = True
 
 
@@ -124,13 +120,9 @@ class Case:
 
 
 def of_a_talker(name: str, wire: Callable[[], StreamFormat], decoder: Callable[[], Decoder], **about: Any) -> Case:
-    """The golden stream of a device that only talks.
+    """The golden stream of a device that only talks, each packet of which is decoded by itself.
 
-    Args:
-        name: Name of the golden file, which says how long a sample takes.
-        wire: The format of its packets, each of which is decoded by itself.
-        decoder: What decodes them.
-        about: What else is particular to it, as in `Case`.
+    The golden file says how long a sample takes. What else is particular to it is told as in `Case`.
     """
     sample_us = golden.load(name).sample_us
     assert sample_us is not None

@@ -7,14 +7,7 @@ from tests.support.case import Case
 
 
 def any_packets(case: Case, seed: int, count: int, *, wild: bool) -> list[bytes]:
-    """Consecutive packets of random contents.
-
-    Args:
-        case: The format.
-        seed: Decides everything.
-        count: How many packets.
-        wild: Whether they begin at any angle, and as new streams now and then, or turn as a rotor does.
-    """
+    """Consecutive packets of random contents; wild ones begin at any angle, and as new streams now and then."""
     random = np.random.default_rng(seed)
     step = int(random.integers(200, 3000))
     # Neighbours differ by less than a quarter, and so no span is a gap.

@@ -23,17 +23,11 @@ T = TypeVar("T")
 
 @dataclass
 class Rig:
-    """A simulated device and how to open it.
+    """A simulated device and how to open it."""
 
-    Attributes:
-        family: Name of its family.
-        device: The device; typed loosely, since the tests use hooks that only simulated devices have.
-        turn_s: Length of one turn at the speed it starts with.
-    """
-
-    family: str
-    device: Any
-    turn_s: float
+    family: str  # name of its family
+    device: Any  # the device; typed loosely, since the tests use hooks that only simulated devices have
+    turn_s: float  # length of one turn at the speed it starts with
 
     def open(self, **options: Any) -> OpenLidar:
         """Open it in memory."""
@@ -95,13 +89,7 @@ def in_turns(rows: Sequence[S], columns: Sequence[T], kinds: Sequence[str]) -> l
 
 
 def make_rig(name: str, model: str = "", **options: Any) -> Rig:
-    """A fresh device whose rotor needs no time to speed up.
-
-    Args:
-        name: A model, or a family, of which it is the usual model.
-        model: A model, where `name` is its family.
-        options: For what makes the device.
-    """
+    """A fresh device of this model, or the usual one of this family, whose rotor needs no time to speed up."""
     chosen = model or name
     family = chosen.partition("-")[0]
     maker = MAKERS[family]

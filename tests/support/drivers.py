@@ -46,20 +46,16 @@ class FakeDriver:
 
     Attributes:
         states: DTR and RTS, whether they are high, after each change. Every opening raises both, as Linux does.
-        flags: Those of ``struct serial_struct``, of which low latency is one.
-        settings: How often the flags were set.
         counted: What it has counted, by the kernel's names; None for a driver that counts nothing.
-        fails: Whether setting the flags fails.
-        gone: Whether the adapter was pulled out.
     """
 
     def __init__(self, path: str, patch: pytest.MonkeyPatch, root: Path | None = None) -> None:
         self.states: list[tuple[bool, bool]] = []
-        self.flags = SPEED_FLAG
-        self.settings = 0
+        self.flags = SPEED_FLAG  # those of ``struct serial_struct``, of which low latency is one
+        self.settings = 0  # how often the flags were set
         self.counted: dict[str, int] | None = None
-        self.fails = False
-        self.gone = False
+        self.fails = False  # whether setting the flags fails
+        self.gone = False  # whether the adapter was pulled out
         self._path = path
         self._timer: Path | None = None
         if root is not None:

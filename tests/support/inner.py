@@ -29,17 +29,11 @@ _ALWAYS = (
 
 
 class Ran(NamedTuple):
-    """What a run of pytest did.
+    """What a run of pytest did."""
 
-    Attributes:
-        outcomes: How many tests passed, failed, ended with an error.
-        text: What it printed.
-        code: Its exit code.
-    """
-
-    outcomes: dict[str, int]
-    text: str
-    code: int
+    outcomes: dict[str, int]  # how many tests passed, failed, ended with an error
+    text: str  # what it printed
+    code: int  # its exit code
 
 
 class _Count:

@@ -54,13 +54,10 @@ class CtrlC:
     Args:
         line: Which line, from 0 on; those of what is called are counted too.
         folders: Only lines of files whose paths have one of these in them are counted; by default all.
-
-    Attributes:
-        place: Where that was; empty where there are fewer lines.
     """
 
     def __init__(self, line: int, *folders: str) -> None:
-        self.place = ""
+        self.place = ""  # where that was; empty where there are fewer lines
         self._left = line
         self._folders = folders or ("",)
 
@@ -93,14 +90,10 @@ def interrupted(line: int, function: Callable[[], object]) -> None:
 
 
 def interrupted_at_call(number: int, function: Callable[[], object]) -> str:
-    """Call `function`, and raise KeyboardInterrupt at the n-th call, if there are so many.
+    """Call `function`, and raise KeyboardInterrupt at the n-th call from there, from 0 on, if there are so many.
 
-    Args:
-        number: Which call, from 0 on: where a Python function begins, or a C function has returned.
-        function: What to call; what it calls is counted too.
-
-    Returns:
-        Where that was; "" when there are fewer, or it was raised where Python ignores it.
+    That is where a Python function begins, or a C function has returned. Returns where that was; "" when there are
+    fewer, or it was raised where Python ignores it.
     """
     left, place = number, ""
 

@@ -21,27 +21,16 @@ from tests.support.streams import assembled, feed
 
 
 class Kept(NamedTuple):
-    """How the scans of a damaged stream compare with the clean turns.
-
-    Attributes:
-        scans: The scans.
-        share: Points delivered, of those in the clean turns.
-        moved: How far each point that should be untouched moved, in 1/64 degrees, shape (n,).
-        wrong: Points among them whose distance is not the clean one.
-        faulty: Packets accepted although they were damaged.
-        missing: Packets of the whole turns that were not accepted.
-        broken: Turns the assembler threw away.
-        lost: Packets the assembler counts as lost.
-    """
+    """How the scans of a damaged stream compare with the clean turns."""
 
     scans: list[Scan]
-    share: float
-    moved: NDArray[np.float64]
-    wrong: int
-    faulty: int
-    missing: int
-    broken: int
-    lost: int
+    share: float  # points delivered, of those in the clean turns
+    moved: NDArray[np.float64]  # how far each point that should be untouched moved, in 1/64 degrees, shape (n,)
+    wrong: int  # points among them whose distance is not the clean one
+    faulty: int  # packets accepted although they were damaged
+    missing: int  # packets of the whole turns that were not accepted
+    broken: int  # turns the assembler threw away
+    lost: int  # packets the assembler counts as lost
 
 
 def settled(case: Case, packets: int) -> int:

@@ -53,13 +53,11 @@ class Ledgers:
     """What was made, held so that no device is kept from being collected.
 
     Attributes:
-        links: Every link.
-        sessions: Every session, as long as it lives.
         streams: What outlives a session that had a stream: its counters, and the links that its packets came by.
     """
 
-    links: list[Link] = field(default_factory=list)
-    sessions: list[ref[Lidar]] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)  # every link
+    sessions: list[ref[Lidar]] = field(default_factory=list)  # every session, as long as it lives
     streams: list[tuple[AssemblerStats, list[Link]]] = field(default_factory=list)
 
     def assert_closed(self) -> None:

@@ -48,18 +48,13 @@ def _in_a_thread() -> bool:
 
 
 class DrivenLoop(asyncio.SelectorEventLoop):
-    """A loop that never sleeps.
-
-    Attributes:
-        turns: Times the loop has gone round, for tests that act at every step.
-        most_turns: How often it may.
-    """
+    """A loop that never sleeps."""
 
     def __init__(self) -> None:
         self._driven = _DrivenSelector()
         super().__init__(self._driven)
-        self.turns = 0
-        self.most_turns: float = MOST_TURNS
+        self.turns = 0  # times the loop has gone round, for tests that act at every step
+        self.most_turns: float = MOST_TURNS  # how often it may
         self.at_turn: Callable[[int], object] | None = None
 
     def time(self) -> float:

@@ -55,17 +55,11 @@ _FENCE = re.compile(r"^( *)```(\w+)([^\n]*)\n(.*?)^\1```", re.DOTALL | re.MULTIL
 
 
 class Block(NamedTuple):
-    """A block of a page.
+    """A block of a page."""
 
-    Attributes:
-        kind: ``python``, ``console``, ...
-        title: Name of the file that it is; else empty.
-        text: What stands in it.
-    """
-
-    kind: str
-    title: str
-    text: str
+    kind: str  # ``python``, ``console``,
+    title: str  # name of the file that it is; else empty
+    text: str  # what stands in it
 
 
 def blocks(text: str) -> list[Block]:
@@ -113,13 +107,7 @@ def _fast_machine() -> Iterator[None]:
 
 
 class Page:
-    """One page that is being run.
-
-    Args:
-        text: The page.
-        folder: Where it is run.
-        capsys: What programs print.
-    """
+    """One page that is being run in a folder."""
 
     def __init__(self, text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         self.blocks = blocks(text)

@@ -67,12 +67,7 @@ def record(
 ) -> Live:
     """Record `count` scans of a simulated device, or what `act` does with it, without a loss.
 
-    Args:
-        path: As for `Lidar.record`, and `options`.
-        source: The device; in memory unless it says otherwise.
-        count: How many scans are read.
-        act: What is done in place of that.
-        options: As for `Lidar.record`.
+    It is in memory unless its source says otherwise; path and options are as for `Lidar.record`.
     """
     if "via=" not in source:
         source += f"{'&' if '?' in source else '?'}via=memory"

@@ -8,12 +8,7 @@ import zenoh
 
 
 class Router:
-    """A router on a port of its own, that can go away and come back.
-
-    Args:
-        protocol: What is spoken at its port.
-        config: Its configuration; where it listens is replaced.
-    """
+    """A router on a port of its own, whatever its configuration says, that can go away and come back."""
 
     def __init__(self, protocol: str = "tcp", config: str = "{}") -> None:
         with socket.socket() as probe:

@@ -42,9 +42,7 @@ def every_model() -> pytest.MarkDecorator:
 def one_a_parser(full: Sequence[Case], among: Sequence[Case] = ()) -> pytest.MarkDecorator:
     """Marks a test that takes a `case`: a stream for each parser, and with ``--exhaustive`` all of `full`.
 
-    Args:
-        full: All streams that the test is for.
-        among: Those that the sample is chosen from; by default the same. The shortest is taken.
+    It is the shortest of them, or of `among`.
     """
     chosen: dict[type, Case] = {}
     for case in sorted(among or full, key=lambda case: (len(_classes(case)), len(case.raw))):

@@ -87,8 +87,7 @@ class _SpeedLine(MemoryLine):
 def serial_in_memory(patch: pytest.MonkeyPatch, **devices: Any) -> Written:
     """Have serial ports of these names lead to these devices, on the clock of the loop; each can be open once.
 
-    Returns:
-        Everything that is written to them, with the speed at which it is written; it grows.
+    Returns everything that is written to them, with the speed at which it is written; it grows.
     """
     written = Written()
     ports: dict[str, _SpeedPort] = {}

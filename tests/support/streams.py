@@ -107,17 +107,11 @@ def open_stream(case: Case) -> Link:
 
 
 class Received(NamedTuple):
-    """What a link made of a stream.
+    """What a link made of a stream."""
 
-    Attributes:
-        events: The events, neighbouring runs joined.
-        stats: The link's counters.
-        buffered: What it still holds.
-    """
-
-    events: list[Event]
-    stats: LinkStats
-    buffered: int
+    events: list[Event]  # the events, neighbouring runs joined
+    stats: LinkStats  # the link's counters
+    buffered: int  # what it still holds
 
     @property
     def data(self) -> bytes:
@@ -168,13 +162,9 @@ class Assembled(NamedTuple):
 
 
 def assembled(case: Case, raw: bytes, chunks: Chunks = 251, times: Callable[[int], int] | None = None) -> Assembled:
-    """The scans of a stream whose pieces arrive when the clock says.
+    """The scans of a stream whose n-th byte arrives when `times` says, by default at the device's own pace.
 
-    Args:
-        case: The stream's format.
-        raw: Its bytes.
-        chunks: How they are cut; by default so that packets of every format are cut anywhere.
-        times: Arrival of the n-th byte; by default at the device's own pace.
+    By default it is cut so that packets of every format are cut anywhere.
     """
     pipeline = Pipeline(stream_of(case), link=open_stream(case))
     byte_ns = case.byte_ns

@@ -22,19 +22,12 @@ def apart(one: float, other: float) -> float:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A scan whose distances say which sample each is, and the truth about it.
+    """A scan whose distances say which sample each is, and the truth about it."""
 
-    Attributes:
-        scan: The scan: sample `n` of the revolution has a distance of 1000 + n millimetres.
-        wall_ns: Time of each sample of the revolution, the missing ones included.
-        angle_deg: Device angle of each.
-        period_ns: Time of a revolution.
-    """
-
-    scan: Scan
-    wall_ns: list[float]
-    angle_deg: list[float]
-    period_ns: float
+    scan: Scan  # sample `n` of the revolution has a distance of 1000 + n millimetres
+    wall_ns: list[float]  # time of each sample of the revolution, the missing ones included
+    angle_deg: list[float]  # device angle of each
+    period_ns: float  # time of a revolution
 
     @property
     def kept(self) -> list[int]:
@@ -46,25 +39,14 @@ def sweep(
     *,
     hertz: float,
     sample_us: float,
-    seam: float = 0.0,
-    declared: bool = True,
-    phase: float = 0.0,
-    shift: float = 0.0,
-    gaps: Sequence[tuple[float, float]] = (),
-    miscounted: float = 0.0,
+    seam: float = 0.0,  # device angle where it begins
+    declared: bool = True,  # whether the scan says so
+    phase: float = 0.0,  # part of a sample by which the first one comes after the seam
+    shift: float = 0.0,  # degrees by which all angles are read too large
+    gaps: Sequence[tuple[float, float]] = (),  # begin and length of what is lost, as parts of the revolution
+    miscounted: float = 0.0,  # part of the revolution that `duration_ns` has too much
 ) -> Sweep:
-    """A revolution of a rotor that turns evenly.
-
-    Args:
-        hertz: Its speed.
-        sample_us: Time of a sample.
-        seam: Device angle where it begins.
-        declared: Whether the scan says so.
-        phase: Part of a sample by which the first one comes after the seam.
-        shift: Degrees by which all angles are read too large.
-        gaps: Begin and length of what is lost, as parts of the revolution.
-        miscounted: Part of the revolution that `duration_ns` has too much.
-    """
+    """A revolution of a rotor that turns evenly."""
     period, every = 1e9 / hertz, sample_us * 1e3
     times = [(phase + n) * every for n in range(math.ceil(period / every - phase))]
     angles = [(seam + shift + 360 * time / period) % 360 for time in times]

@@ -37,11 +37,9 @@ def damaged(packet: bytes, off_q6: tuple[int, int]) -> bytes:
 def scans_of(
     turns: Sequence[Sequence[bytes]], missing: Sequence[tuple[int, int]] = ()
 ) -> tuple[list[Scan], AssemblerStats]:
-    """The scans of these revolutions, each packet of which comes when it was measured.
+    """The scans of these revolutions, whose packets come when they were measured.
 
-    Args:
-        turns: The packets of each revolution.
-        missing: Those that do not come: number of the revolution, and of the packet in it.
+    `missing` are those that do not come: number of the revolution, and of the packet in it.
     """
     assembler = Assembler(stream_of(_CASE, sample_ns=SAMPLE_NS))
     scans: list[Scan] = []
