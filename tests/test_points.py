@@ -57,8 +57,7 @@ def test_a_mounted_lidar(x: float, y: float, yaw: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "velocity",
-    [Velocity(*each) for each in ((), (1.5,), (0, -0.7), (0, 0, 2.0), (1.0, 0.5, -3.0), (1, 0, 1e-9))],
+    "velocity", [Velocity(*each) for each in ((), (1.5,), (0, -0.7), (0, 0, 2.0), (1.0, 0.5, -3.0), (1, 0, 1e-9))]
 )
 @pytest.mark.parametrize("before_ms", [0, 40, 150])
 def test_a_moving_robot(velocity: Velocity, before_ms: int) -> None:

@@ -18,16 +18,7 @@ import anyio
 import pytest
 
 from lidario import LidarError, open_lidar
-from tests.session.test_two_tasks import (
-    Scene,
-    Work,
-    ask_while_scanning,
-    change_mode,
-    read,
-    reset,
-    set_speed,
-    stop,
-)
+from tests.session.test_two_tasks import Scene, Work, ask_while_scanning, change_mode, read, reset, set_speed, stop
 from tests.support.devices import (
     EVERY_KIND,
     FAMILIES,

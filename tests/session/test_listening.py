@@ -209,9 +209,7 @@ async def test_a_speed_the_adapter_cannot_do_is_left_out(monkeypatch: pytest.Mon
             assert lidar.info.family == "rplidar"
 
 
-async def test_cancelled_while_it_listens_it_asks_only_those_that_turn(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_cancelled_while_it_listens_it_asks_only_those_that_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     device = make_rig("ydlidar-4ros").device
     written = serial_in_memory(monkeypatch, rests=device)
     ports: list[Port] = []
@@ -302,9 +300,7 @@ async def test_dtr_is_left_as_the_model_needs_it(model: str, source: str, monkey
         assert not device.motor_on, step
 
 
-async def test_ports_are_asked_side_by_side_and_patiently_if_none_responds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_ports_are_asked_side_by_side_and_patiently_if_none_responds(monkeypatch: pytest.MonkeyPatch) -> None:
     models = ("rplidar-s2", "ydlidar-4ros", "rplidar-s1", "rplidar-s1")
     first, second, third, mute = (make_rig(model).device for model in models)
     mute.mute = True

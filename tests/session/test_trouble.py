@@ -53,9 +53,7 @@ async def test_many_connects_to_a_device_that_still_streams(connects: int) -> No
 
 
 @pytest.mark.long
-async def test_a_line_that_is_never_quiet_is_no_device_that_sends_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_line_that_is_never_quiet_is_no_device_that_sends_on(monkeypatch: pytest.MonkeyPatch) -> None:
     async with open_lidar("sim://rplidar-s2?via=memory&fault=babble:1000&seed=3") as lidar:
         # As if too little came through for a scan.
         monkeypatch.setattr(EndedRevolution, "is_broken", lambda *_: True)
