@@ -208,36 +208,23 @@ async def test_no_foreign_exception_leaves_a_session(family: str) -> None:
                 await anext(stream)
             await stream.aclose()
 
-        async def recorded(**arguments: Any) -> None:
-            lidario.Lidar.record(lidar, **{"path": "x", **arguments})
+        async def recorded(name: str, value: object) -> None:
+            also = {"split_s": 60} if name == "keep_bytes" else {}
+            arguments: dict[str, Any] = {"path": "x", **also, name: value}
+            lidar.record(**arguments)
 
         async def tapped(value: Any) -> None:
             lidar.tap(value)
             lidar.untap(value)
 
+        of_streams = ("mode", "depth", "force", "filters")
+        of_recordings = ("path", "scans", "overwrite", "sync", "split_s", "split_bytes", "keep_bytes")
+        settings = ("scan_frequency", "motor_speed", "zero_offset", "power_down_protection", "network_address")
         calls: dict[str, Callable[[Any], Coroutine[Any, Any, object]]] = {
-            "set_scan_frequency": lidar.set_scan_frequency,
-            "set_motor_speed": lidar.set_motor_speed,
-            "set_zero_offset": lidar.set_zero_offset,
-            "set_power_down_protection": lidar.set_power_down_protection,
-            "set_network_address": lidar.set_network_address,
-            "set_baudrate": lidar.set_baudrate,
-            **{
-                f"scans({name})": partial(named, lidar.scans, name)
-                for name in ("mode", "depth", "force", "filters")
-            },
-            **{
-                f"sectors({name})": partial(named, lidar.sectors, name)
-                for name in ("mode", "depth", "force", "filters")
-            },
-            "sectors(degrees)": lambda value: named(lidar.sectors, "degrees", value),
-            "record(path)": lambda value: recorded(path=value),
-            "record(scans)": lambda value: recorded(scans=value),
-            "record(overwrite)": lambda value: recorded(overwrite=value),
-            "record(sync)": lambda value: recorded(sync=value),
-            "record(split_s)": lambda value: recorded(split_s=value),
-            "record(split_bytes)": lambda value: recorded(split_bytes=value),
-            "record(keep_bytes)": lambda value: recorded(split_s=60, keep_bytes=value),
+            **{name: getattr(lidar, f"set_{name}") for name in (*settings, "baudrate")},
+            **{f"scans({name})": partial(named, lidar.scans, name) for name in of_streams},
+            **{f"sectors({name})": partial(named, lidar.sectors, name) for name in (*of_streams, "degrees")},
+            **{f"record({name})": partial(recorded, name) for name in of_recordings},
             "tap": tapped,
         }
         for name, call in calls.items():
