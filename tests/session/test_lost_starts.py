@@ -1,14 +1,24 @@
-"""A damaged line loses the request that starts a stream, or the response to it: the stream is started again."""
+"""A damaged line loses the request that starts a stream, or the response to it, and damages what is told."""
 
 import asyncio
+from functools import partial
 from typing import Any
 
 import pytest
 
-from lidario import ResponseTimeout, StreamFailed
+from lidario import (
+    ConnectFailed,
+    Health,
+    LidarError,
+    ResponseTimeout,
+    ScanMode,
+    StreamFailed,
+    Unsupported,
+    open_lidar,
+)
 from tests.support.cable import next_after
 from tests.support.devices import MAKERS, Rig, call, end_of, names, scanning
-from tests.support.loop import now
+from tests.support.loop import now, run_driven
 from tests.support.samples import long_but_some
 
 STARTS = (b"\xa5\x20", b"\xa5\x82", b"\xa5\x83", b"\xa5\x60", b"MD")
@@ -118,3 +128,64 @@ async def test_another_task_gets_its_response_behind_a_lost_start(
             assert line.left == 0
             assert len(await reading) > 100
         assert names(rig, obeyed=False) == []
+
+
+SEEDS = 12
+MODELS = ["rplidar-s2", "rplidar-a1", "rplidar-express", "ydlidar-4ros"]
+
+
+def told(model: str, fault: str) -> tuple[tuple[ScanMode, ...], Health, float | None] | None:
+    """What a device tells of itself; None where the line lets nothing through."""
+
+    async def main() -> tuple[tuple[ScanMode, ...], Health, float | None] | None:
+        try:
+            async with open_lidar(f"sim://{model}?via=memory{fault}") as lidar:
+                try:
+                    frequency = await lidar.get_scan_frequency()
+                except Unsupported:
+                    frequency = None
+                return await lidar.get_modes(), await lidar.get_health(), frequency
+        except ConnectFailed:
+            raise
+        except LidarError:
+            return None
+
+    return run_driven(main)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", MODELS)
+def test_what_is_told_is_believed_when_it_comes_twice(model: str, caplog: pytest.LogCaptureFixture) -> None:
+    """Responses carry no check value, and the line damages them."""
+    clean = told(model, "")
+    assert clean is not None
+    modes, health, frequency = clean
+    answered = 0
+    for seed in range(SEEDS):
+        caplog.clear()
+        found = told(model, f"&seed={seed}&fault=flip:1%25")
+        if found is None:
+            continue
+        answered += 1
+        assert "stopped to protect itself" not in caplog.text
+        assert found[0] == modes or "did not tell" in caplog.text, seed
+        assert found[1] == health, seed
+        assert found[2] == frequency, seed
+    assert answered > SEEDS / 2
+
+
+@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1"])
+def test_to_ask_until_two_are_alike_takes_a_bounded_time(model: str) -> None:
+    """Where most questions have no response, or one that is late, too."""
+
+    async def main(seed: int) -> float:
+        device = f"sim://{model}?via=memory&seed={seed}&fault=late:700ms,wrong-response:40%25,drop:1%25"
+        try:
+            async with open_lidar(device) as lidar:
+                began = now()
+                await lidar.get_modes()
+                return now() - began
+        except LidarError:
+            return 0.0
+
+    assert 5.0 < max(run_driven(partial(main, seed)) for seed in range(12)) < 60.0

@@ -184,6 +184,23 @@ async def test_taps_see_every_byte_in_both_directions(rig: Rig) -> None:
         assert len(seen["out"]) == heard
 
 
+async def test_every_byte_that_the_device_sends_is_counted_as_received(rig: Rig) -> None:
+    """The ledger (`tests/support/ledger.py`) begins where bytes are parsed. Here the device itself counts."""
+    sent, transmit = list[bytes](), rig.device.transmit
+
+    def send(now: int) -> bytes:
+        sent.append(transmit(now))
+        return sent[-1]
+
+    rig.device.transmit = send
+    async with rig.read() as (lidar, stream):
+        await lidar.get_health()
+        await some(stream, 2)
+        await stream.aclose()
+        await lidar.stop()
+        assert lidar.stats.bytes_received == sum(map(len, sent)) > 20_000
+
+
 async def test_the_sample_rate_and_what_there_is_not_before_a_stream_and_behind_it(rplidar: Rig) -> None:
     async with rplidar.open() as lidar:
         rate = await lidar.get_sample_rate()

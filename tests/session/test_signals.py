@@ -16,7 +16,7 @@ import pytest
 import lidario
 from lidario.sim.serve import PtyServer
 from tests.cli.processes import served
-from tests.support.children import BOUND, UNDISTURBED, child, is_still, line_of, requests, until, was_stopped
+from tests.support.children import BOUND, UNDISTURBED, child, ended, is_still, line_of, requests, until, was_stopped
 
 MODELS = ("rplidar-s2", "ydlidar-4ros")
 
@@ -237,6 +237,52 @@ def test_what_ends_the_cleanup_is_told_and_nothing_else() -> None:
             loop.call_soon(leave, 5)
             await asyncio.Event().wait()
 
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as left:
         lidario.run(main())
-    assert ended.value.code == 6
+    assert left.value.code == 6
+
+
+IN_A_PROCESS = """
+import multiprocessing, sys
+
+if __name__ == "__main__":
+    arguments = sys.argv[2], {"source": sys.argv[3]}
+    work = multiprocessing.get_context(sys.argv[1]).Process(target=exec, args=arguments)
+    work.start()
+    work.join()
+    sys.exit(work.exitcode)
+"""
+BLOCKING = """
+import lidario
+
+lidar = lidario.open_sync(source)
+scans = iter(lidar.scans())
+next(scans)
+raise SystemExit(5)
+"""
+ASYNC = """
+import asyncio
+import lidario
+
+async def hold():
+    global lidar, scans
+    lidar = await lidario.open_lidar(source)
+    scans = lidar.scans()
+    await anext(scans)
+
+asyncio.run(hold())
+raise SystemExit(5)
+"""
+LEFT = {"blocking": BLOCKING, "async": ASYNC}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["fork", "forkserver", "spawn"])
+@pytest.mark.parametrize("left", LEFT)
+def test_a_process_that_multiprocessing_has_started_ends_without_closing(left: str, method: str) -> None:
+    """By `os._exit`: its lidar is still all the same."""
+    with served("rplidar-s2") as server:
+        process = ended(UNDISTURBED + IN_A_PROCESS, method, UNDISTURBED + LEFT[left], server.path)
+        assert (process.returncode, process.stderr) == (5, "")
+        until(lambda: is_still(server), lambda: requests(server)[-5:])
+        assert was_stopped(server)
