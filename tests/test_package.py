@@ -1,6 +1,7 @@
-"""What is published: wheel and sdist hold every file they must, and every extra that a text names is one."""
+"""What is published: wheel, sdist and the package page hold all that they must, and every extra named is one."""
 
 import email
+import importlib.util
 import re
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import tomllib
 import zipfile
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -126,3 +129,61 @@ def test_what_an_error_tells_to_install_is_what_an_extra_brings() -> None:
     assert "click rich websockets mcap" in told
     for words, file in told.items():
         assert any(set(words.split()) <= brought for brought in users.values()), (words, file)
+
+
+ADDRESS = "https://example.org/acme/lidario"
+
+
+@pytest.fixture
+def hook(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The hook of the build, without the builder, which is only there while a package is built."""
+    plugin = ModuleType("hatchling.metadata.plugin.interface")
+    plugin.MetadataHookInterface = object  # type: ignore[attr-defined]
+    for name in ("hatchling", "hatchling.metadata", "hatchling.metadata.plugin"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
+    for name in ("GITHUB_REPOSITORY", "GITHUB_SERVER_URL", "LIDARIO_REPOSITORY"):
+        monkeypatch.delenv(name, raising=False)
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def page_of(hook: Any) -> dict[str, Any]:
+    metadata: dict[str, Any] = {}
+    hook.PackagePage().update(metadata)
+    return metadata
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"LIDARIO_REPOSITORY": ADDRESS + "/"},
+        {"GITHUB_SERVER_URL": "https://example.org", "GITHUB_REPOSITORY": "acme/lidario"},
+    ],
+)
+def test_everything_leads_to_the_repository(
+    hook: Any, environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    metadata = page_of(hook)
+    assert set(metadata["urls"]) == {"Source", "Documentation", "Changelog", "Issues"}
+    assert all(each.startswith(ADDRESS) for each in metadata["urls"].values())
+    text = metadata["readme"]["text"]
+    targets = re.findall(r"\]\(([^)]+)\)", text)
+    files = [target for target in targets if not target.startswith("#")]
+    assert len(files) > 20
+    for target in files:
+        kind, _, path = target.removeprefix(ADDRESS + "/").partition("/HEAD/")
+        assert kind == ("raw" if path.endswith(".png") else "blob"), target
+        assert (ROOT / path.partition("#")[0]).exists(), target
+
+
+def test_where_no_address_is_known_it_is_the_file(hook: Any) -> None:
+    assert page_of(hook) == {
+        "readme": {"content-type": "text/markdown", "text": (ROOT / "README.md").read_text(encoding="utf-8")}
+    }

@@ -12,7 +12,7 @@ from lidario.port.port import Port
 from lidario.port.thread import Watched, reading_thread
 from tests.support.loop import driven, now
 from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, opened, terminal_pair
-from tests.test_no_threads import no_threads
+from tests.test_exhausted import no_threads
 
 
 @asynccontextmanager
