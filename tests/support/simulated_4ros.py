@@ -1,11 +1,16 @@
-"""A simulated 4ROS by itself: requests as bytes, and what comes back."""
+"""A simulated 4ROS by itself: requests as bytes, and what comes back; or scripts, with a clock moved by hand."""
 
 from functools import reduce
 from operator import xor
+from typing import TypeVar
 
+from lidario.families.base import Script
+from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
+from lidario.wire.envelope import DESCRIPTOR_SIZE, Request
 from tests.reference import ydlidar
+from tests.support.scripts import played
 
 MS = 1_000_000
 S = 1000 * MS
@@ -63,3 +68,37 @@ def unstamped(data: bytes) -> tuple[list[int], list[bytes]]:
         packets.append(data[8:size])
         data = data[size:]
     return stamps, packets
+
+
+T = TypeVar("T")
+
+
+class Bench:
+    """Host and simulated device on one table."""
+
+    def __init__(self, simulated: Simulated4Ros) -> None:
+        self.simulated = simulated
+        self.device = YdlidarDevice()
+        self.now = 10**9
+
+    def pass_time(self, seconds: float) -> bytes:
+        """What comes meanwhile."""
+        self.now += round(seconds * 1e9)
+        return self.simulated.transmit(self.now)
+
+    def ask(self, request: Request) -> bytes | None:
+        """The response, without its descriptor; None where none comes."""
+        for _ in range(request.attempts):
+            self.simulated.receive(request.data, self.now)
+            if request.expects is None:
+                self.pass_time(request.settle)
+                return b""
+            told, deadline = b"", self.now + round(request.timeout * 1e9)
+            while len(told) < DESCRIPTOR_SIZE + request.expects.size and self.now < deadline:
+                told += self.pass_time(0.001)
+            if told:
+                return told[DESCRIPTOR_SIZE:]
+        return None
+
+    def run(self, script: Script[T]) -> T:
+        return played(script, self.ask)

@@ -4,7 +4,7 @@ import pytest
 
 from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simulated
 from lidario.sim.rooms import make_world
-from tests.support.bench_4ros import Bench
+from tests.support.simulated_4ros import Bench
 
 
 @pytest.fixture

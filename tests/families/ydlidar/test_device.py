@@ -14,8 +14,8 @@ from lidario.model import Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
 from tests.families.ydlidar.test_models import silent
-from tests.support.bench_4ros import Bench
 from tests.support.scripts import played
+from tests.support.simulated_4ros import Bench
 from tests.support.speeds import serial_in_memory
 
 

@@ -11,8 +11,8 @@ from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros
 from lidario.wire.envelope import Request
-from tests.support.bench_4ros import Bench
 from tests.support.scripts import drive, played
+from tests.support.simulated_4ros import Bench
 
 
 @pytest.mark.parametrize("hertz", [5.0, 5.1, 6.96, 7.0, 7.9, 8.04, 9.5, 10.0, 11.95, 12.0])
