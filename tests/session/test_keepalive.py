@@ -211,6 +211,23 @@ async def test_an_unconfirmed_toggle_is_checked_before_the_next_stream(ydlidar: 
         assert ydlidar.device.lapses == 0
 
 
+@pytest.mark.long
+async def test_a_toggle_whose_response_was_lost_is_looked_at(ydlidar: Rig) -> None:
+    async with ydlidar.open() as lidar:
+        await lidar.set_power_down_protection(True)
+        ydlidar.device.response_delay_s = 0.3
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.1):
+                await lidar.set_power_down_protection(False)
+        assert not ydlidar.device.protected
+        ydlidar.device.response_delay_s = 0.0005
+        before = lidar.stats.keepalives
+        await scan_for(lidar, 20.0)
+        assert lidar.stats.keepalives == before
+        assert not ydlidar.device.protected
+        assert ydlidar.device.lapses == 0
+
+
 LONGEST_BLOCK_S = 20.0
 
 
