@@ -146,25 +146,26 @@ TEXT = (
 UNMEASURED = "Camsense packets among them, which measure nothing. Does its motor turn, and at the right speed?"
 
 
-@pytest.mark.parametrize(
-    ("source", "speeds", "came", "says"),
-    [
-        ("udp://127.0.0.1:8089", (), GARBAGE, "199 bytes of garbage came back, as from no lidar. Is the"),
-        ("/dev/ttyUSB0", (), GARBAGE, "199 bytes of garbage came back, as at a wrong baud rate. Is the"),
-        ("/dev/ttyUSB0", (115200, 256000), GARBAGE, "of garbage came back, as at a wrong baud rate. Is the"),
-        # What the driver has counted says something of one speed alone.
-        ("/dev/ttyUSB0", (115200,), GARBAGE, "of garbage came back, with 3 framing errors: the baud rate"),
-        ("/dev/ttyUSB0", (115200, 115200), GARBAGE, "of garbage came back, with 3 framing errors: the baud rate"),
-        # An XV-11 whose supply was too weak said this again and again (rohbotics/xv_11_laser_driver #6).
-        *(("/dev/ttyUSB0", (115200,), before + BOOT * 3, TEXT) for before in (b"", bytes(range(128, 256)) * 8)),
-        # Until its rotor turns, the start of a packet is its end (more_families_2.md 4.1).
-        *(
-            ("/dev/ttyUSB0", (115200,), pack_camsense(start, start, [0.0] * 8, [0] * 8, rpm=30.0) * 5, UNMEASURED)
-            for start in (0, 0xA000)
-        ),
-    ],
-)
-def test_what_came_in_silence_is_explained(source: str, speeds: tuple[int, ...], came: bytes, says: str) -> None:
-    heard = ReceivedInSilence()
-    heard.see("in", came, 0)
-    assert says in str(heard.nothing_responds(as_source(source), FAMILIES, speeds, LineErrors(framing=3)))
+IN_SILENCE: list[tuple[str, tuple[int, ...], bytes, str]] = [
+    ("udp://127.0.0.1:8089", (), GARBAGE, "199 bytes of garbage came back, as from no lidar. Is the"),
+    ("/dev/ttyUSB0", (), GARBAGE, "199 bytes of garbage came back, as at a wrong baud rate. Is the"),
+    ("/dev/ttyUSB0", (115200, 256000), GARBAGE, "of garbage came back, as at a wrong baud rate. Is the"),
+    # What the driver has counted says something of one speed alone.
+    ("/dev/ttyUSB0", (115200,), GARBAGE, "of garbage came back, with 3 framing errors: the baud rate"),
+    ("/dev/ttyUSB0", (115200, 115200), GARBAGE, "of garbage came back, with 3 framing errors: the baud rate"),
+    # An XV-11 whose supply was too weak said this again and again (rohbotics/xv_11_laser_driver #6).
+    *(("/dev/ttyUSB0", (115200,), before + BOOT * 3, TEXT) for before in (b"", bytes(range(128, 256)) * 8)),
+    # Until its rotor turns, the start of a packet is its end (more_families_2.md 4.1).
+    *(
+        ("/dev/ttyUSB0", (115200,), pack_camsense(start, start, [0.0] * 8, [0] * 8, rpm=30.0) * 5, UNMEASURED)
+        for start in (0, 0xA000)
+    ),
+]
+"""What is opened, the speeds that were tried, what came, and what is said of it."""
+
+
+def test_what_came_in_silence_is_explained() -> None:
+    for source, speeds, came, says in IN_SILENCE:
+        heard = ReceivedInSilence()
+        heard.see("in", came, 0)
+        assert says in str(heard.nothing_responds(as_source(source), FAMILIES, speeds, LineErrors(framing=3)))
