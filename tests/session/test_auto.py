@@ -216,6 +216,16 @@ async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_s
     await connection.dialogue.close()
 
 
+async def test_behind_a_search_by_dtr_that_finds_none_what_dtr_lights_is_dark_again() -> None:
+    device = make_rig("ydlidar-x4").device
+    device.transmit = lambda now: b""
+    port = connect_in_memory(device)
+    port.baudrate = 0
+    assert await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port)) is None
+    assert not device.lit
+    await port.close()
+
+
 async def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more() -> None:
     """It is dark before, so the question that was damaged is the only one that it was asked."""
     damaged = 0
