@@ -188,6 +188,23 @@ def test_three_spans_that_agree_are_sure_where_time_says_how_many_arcs_they_are(
     assert (arcs.certain, missing(arcs)) == (spans >= 3, [8 * (spans >= 3)] * spans)
 
 
+@pytest.mark.parametrize(("spans", "packets", "is_sure"), [([960] * 24, 1, True), ([480, 960] * 16, 2, False)])
+def test_revolutions_are_steady_once_time_has_told_what_a_span_is(
+    spans: list[int], packets: int, is_sure: bool
+) -> None:
+    """Each second packet is lost. Where a device is slower than it says, each span may yet be of twice as many."""
+    wheel = Wheel(TURN)
+    wheel.tell_time(PACKET_NS)
+    ends = np.cumsum(spans) * packets // 480
+    for turn in range(8):
+        came = [(at, int(turn * ends[-1] + end) * PACKET_NS) for at, end in enumerate(ends, 1)]
+        arcs = wheel.follow(heads(*turning(*spans)), came)
+    assert (arcs.certain, lost(arcs)) == (True, 24 if is_sure else 16)
+    began = 8 * int(ends[-1])
+    came = [(at, (began + at * packets) * PACKET_NS) for at in range(1, 49)]
+    assert (wheel.follow_several(heads(*turning(*[480] * 48)), [48], came) is not None) == is_sure
+
+
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_speed_that_leaps_is_no_loss_where_time_speaks_against_it(times: int) -> None:
     """Twice as fast from one revolution to the next, or each second packet lost: by when they come."""
@@ -212,6 +229,14 @@ def test_in_a_file_six_spans_that_agree_behind_an_outage_are_one_arc_each(behind
     assert arcs.certain
     assert missing(arcs)[:11] == [0] * 10 + [11]
     assert missing(arcs)[11:] == [0 if is_one or span == 480 else 1 for span in behind]
+
+
+@pytest.mark.parametrize("count", [5, 6])
+def test_six_spans_that_agree_are_one_arc_each_behind_one_in_which_a_whole_turn_may_hide(count: int) -> None:
+    wheel = Wheel(TURN)
+    wheel.follow(heads(*turning(*[500] * 20)))
+    arcs = wheel.follow(heads(*turning(500, 1700, *[950] * count)))
+    assert missing(arcs) == [0, 2, *[1 if count < 6 else 0] * count]
 
 
 @pytest.mark.parametrize("begins", [480 * 12, 480])
