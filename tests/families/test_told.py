@@ -71,6 +71,13 @@ def test_a_packet_of_which_an_angle_is_damaged_hides_none(at: int, which: str) -
     assert missing(arcs) == [96 * (each == 7) for each in range(12)]
 
 
+@pytest.mark.parametrize("at", [0, 1])
+def test_of_two_packets_the_sound_one_tells_the_step_of_the_other(at: int) -> None:
+    ways, jumps = [950, 950], [10, 10]
+    ways[at], jumps[at] = 350, 610
+    assert lost(ToldWheel(TURN, 48).follow(packets_of(ways, jumps))) == 0
+
+
 def test_what_is_lost_while_the_rotor_stood_passed_as_fast_as_it_turns() -> None:
     arcs = ToldWheel(TURN, 48).follow(packets_of([950, 950, 0, 0, 0, 950, 950], [10, 10, 0, 970, 0, 10, 10]))
     assert missing(arcs) == [96 * (at == 3) for at in range(7)]
