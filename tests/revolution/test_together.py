@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 
 from lidario.revolution.together import joined, slices
+from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 from tests.support.cases import KINDS, Case, named
@@ -69,3 +70,10 @@ def test_where_bytes_were_skipped_stays_known() -> None:
     whole = joined(packets_of(link))
     assert whole.skips == ((3, 7), (6, 7), (9, 7))
     assert whole.skipped == 0
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_whether_the_last_arrival_is_computed_is_told_by_the_last_run(cut: bool) -> None:
+    data = DENSE.packets[0]
+    first, last = (Packets(data, (Block(len(data), 1),), ((1, at),), cut=at == cut) for at in range(2))
+    assert joined([first, last]).cut == cut
