@@ -55,6 +55,15 @@ async def test_a_device_that_responds_but_never_scans_does_not_put_the_limit_off
         assert 2 < lidar.stats.reconnects < 20
 
 
+async def test_it_also_waits_where_it_was_back_and_no_scan_came(rig: Rig) -> None:
+    async with rig.open(reconnect=Reconnect(limit_s=40.0, first_wait_s=10.0, longest_wait_s=10.0)) as lidar:
+        async with scanning(lidar) as stream:
+            rig.device.reboot(now_ns())
+            rig.device.spin_up_s = 1e6
+            await end_of(stream, DeviceLost, "did not come back within 40 s")
+        assert 2 <= lidar.stats.reconnects <= 4
+
+
 async def test_a_loss_behind_scans_has_all_the_time_again(rig: Rig) -> None:
     async with on_a_cable(rig, reconnect=Reconnect(limit_s=10.0)) as (cable, lidar), lidar.scans() as stream:
         for count in (1, 2):

@@ -44,6 +44,7 @@ async def test_scans_and_sectors_are_read_at_once(rig: Rig) -> None:
         (seq, index) for seq in range(sectors[8].seq, sectors[8].seq + 3) for index in range(8)
     ]
     assert {each.degrees for each in sectors} == {45.0}
+    assert len({each.wall_stamp_ns - each.stamp_ns for each in (*seen, *sectors)}) == 1
     assert {each.index for each in third} == set(range(6))
     together = [scan for scan in seen if {each.index for each in sectors if each.seq == scan.seq} == set(range(8))]
     assert len(together) >= 2
@@ -164,6 +165,7 @@ async def test_a_scan_that_came_whole_is_divided(rig: Rig) -> None:
     assert is_the_scan(scan, parts)
     np.testing.assert_array_equal(np.concatenate([part.times_ns for part in parts]), scan.times_ns)
     assert sum(part.duration_ns for part in parts) == scan.duration_ns
+    assert {part.wall_stamp_ns - part.stamp_ns for part in parts} == {scan.wall_stamp_ns - scan.stamp_ns}
     # Angles that are corrected may stand before the seam.
     angles = np.array(scan.device_angles)
     angles[:2] = 359.5, 359.9
