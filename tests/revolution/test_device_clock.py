@@ -123,6 +123,17 @@ def test_where_packets_are_missing_the_stamps_do_not_follow_each_other(begin_ms:
         assert apart_ns == pytest.approx((gone + 1) * PACKET_NS, abs=MS)
 
 
+@pytest.mark.parametrize(("packet_ns", "fewest"), [(PACKET_NS, 3), (100e6, 1)])
+def test_three_packets_that_follow_each_other_tell_a_time_and_of_whole_revolutions_one(
+    packet_ns: float, fewest: int
+) -> None:
+    reader, told = StampReader(Ticks(MS, 30_000), packet_ns), list[bool]()
+    for at in range(5):
+        told.append(reader.measured(0) is not None)
+        reader.add(np.array([at * packet_ns // MS], np.int64))
+    assert told == [at >= fewest for at in range(5)]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("fast", [0.99, 1.0001, 1.01])
 def test_a_clock_that_goes_otherwise_than_ours_is_followed(fast: float) -> None:
