@@ -180,3 +180,14 @@ def test_the_first_mark_may_stand_elsewhere_by_right(together: int) -> None:
     found = made(runs_of(sent, together, at_once=False), case=NODES)
     assert [(len(scan), scan.device_angles[0]) for scan in found.scans] == [(360, 270)] * 2
     assert found.stats.broken_scans == 0
+
+
+def test_sectors_are_counted_from_the_seam_where_packets_cross_it() -> None:
+    """The mark stands at 75 degrees, and from the fourth revolution on each start packet is lost."""
+    begin = 3 * TURN + 100
+    sent = [*packets_of([(100, False)] * 4), packet_of(begin, begin + 1, start_control(10.0))]
+    sent += [packet_of(first, first + 39) for first in range(begin + 1, 7 * TURN, 39)]
+    found = made(runs_of(sent, 1, at_once=False), 72)
+    assert {sector.seq for sector in found.sectors} == set(range(7))
+    for sector in found.sectors:
+        assert set((sector.device_angles - 75.0) % 360 // 5) == {sector.index}
