@@ -189,6 +189,7 @@ class SectorAssembler(Assembler):
         if self._clock.last is not None and here.decoded:
             samples = here.decoded[0]
             over = share_before(here.wire, partial, samples)
+            # 0 where angles are not certain: no step is known then.
             turn_ns = samples.last.samples * here.sample_ns
             from_end_ns = round(partial.last_ns - (here.passed / here.wire.full_turn - over) * turn_ns)
             # If a read was completed only behind a gap, the packets before the gap are dated too late.
@@ -198,7 +199,7 @@ class SectorAssembler(Assembler):
                 Beginning(
                     from_end_ns if late else start_ns,
                     over=over,
-                    revolution_ns=turn_ns if samples.certain else 0.0,
+                    revolution_ns=turn_ns,
                     packet_ns=samples.ends[-1] / len(samples.ends) * here.sample_ns,
                     packets=here.packets,
                     lost=0,
