@@ -48,6 +48,20 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
         assert lidar.stats.scans + lidar.stats.missed_scans > second.seq
 
 
+async def test_the_stream_of_the_old_line_is_watched_no_more(rig: Rig) -> None:
+    """It is silent for ever, while that of the new line goes on."""
+    async with on_a_cable(rig) as (cable, lidar), scanning(lidar) as stream:
+        await some(stream, 3)
+        cable.pull()
+        pulled = now()
+        cable.plug(boots=False)
+        await next_after(stream, pulled)
+        assert now() - pulled < 0.5
+        rig.device.log.clear()
+        await asyncio.sleep(3.0)
+        assert (names(rig), lidar.stats.restarts, lidar.stats.reconnects) == ([], 0, 1)
+
+
 @pytest.mark.parametrize("baudrate", [1_000_000, 1_500_000])
 async def test_it_is_found_at_the_speed_of_now_and_before(baudrate: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """No document says whether a loss of power sets it back; that of this one does, and a loose plug does not."""
