@@ -334,3 +334,13 @@ def test_one_that_creeps_out_of_standstill_has_lost_no_node(node: float, nodes: 
     turn.follow(heads(*turning(*[round(node)] * 140)))
     arcs = turn.follow(heads(*turning(*np.diff(angles).tolist())))
     assert (lost(arcs), arcs.certain) == (0, True)
+
+
+@pytest.mark.parametrize("slow", [16, 20, 24])
+def test_a_node_that_is_lost_where_the_rotor_is_slow_is_missed_though_it_was_fast(slow: int) -> None:
+    """From that node to the next but one it turns by less than it did from one node to the next."""
+    before = [*[100] * 64, *(200 - at >> 1 for at in range(200 - 2 * slow)), *[slow] * 40]
+    turn = NodeSteps(TURN)
+    turn.follow(heads(*turning(*[100] * 140)))
+    gone = missing(turn.follow(heads(*turning(*before, 2 * slow, *[slow] * 24))))
+    assert gone == [0] * len(before) + [1] + [0] * 24

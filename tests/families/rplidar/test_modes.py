@@ -89,6 +89,11 @@ def test_what_was_lost_once_is_asked_again(kind: Conf) -> None:
     assert modes == (replace(STANDARD, typical=True), replace(DENSE_BOOST, typical=False))
 
 
+def test_what_is_not_told_is_asked_twice() -> None:
+    _, sent = drive(identified().modes(), {**LISTED, **conf(Conf.MODE_NAME, None, 1)})
+    assert [request.data for request in sent].count(get_lidar_conf(Conf.MODE_NAME, 1).data) == 2
+
+
 def test_a_typical_mode_nobody_can_read_is_not_typical() -> None:
     answers = {
         **LISTED,
