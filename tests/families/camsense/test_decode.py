@@ -14,9 +14,9 @@ from tests.support.streams import in_one_run
 
 def test_the_rate_is_told_to_half_a_percent() -> None:
     for at in range(0, 900, 24):
-        assert PacketFormat.sample_us(b"".join(CASES[0].packets[at : at + 24])) == pytest.approx(
-            1e6 / 2080, rel=0.006
-        )
+        packets = b"".join(CASES[0].packets[at : at + 24])
+        assert PacketFormat.samples_a_second(packets) == pytest.approx(2080, rel=0.006)
+        assert PacketFormat.sample_us(packets) == pytest.approx(1e6 / PacketFormat.samples_a_second(packets))
 
 
 @pytest.mark.parametrize(

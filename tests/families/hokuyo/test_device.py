@@ -116,6 +116,13 @@ def test_a_field_that_cannot_be_is_asked_for_again(spoilt: int) -> None:
     assert asked == min(1 + spoilt, 2)
 
 
+@pytest.mark.parametrize(("rpm", "slowest_s"), [(2400, 1.0), (600, 1.0), (60, 1.5)])
+def test_a_revolution_may_take_half_as_long_again_as_it_says_and_a_second(rpm: int, slowest_s: float) -> None:
+    device, field = HokuyoDevice(), lines(**FIELD | {"SCAN": rpm})
+    mode = played(device.modes(), lambda request: field if b"PP" in request.data else WELL)[0]
+    assert played(device.start(mode), lambda _: bytes((mode.response_type,))).slowest_turn_s == slowest_s
+
+
 @pytest.mark.parametrize(
     ("state", "raised"), [("Sensor works well.", RemoteProtocolError), ("malfunction 32", ResponseTimeout)]
 )

@@ -274,7 +274,7 @@ def test_what_text_holds_is_bounded_and_printable() -> None:
     "change",
     [
         {"ARES": "0"}, {"ARES": "99999999"}, {"ARES": "-4"}, {"ARES": ""}, {"ARES": "\u0661\u0660"}, {"AMAX": "43"},
-        {"AMIN": "0", "AMAX": "1024"}, {"DMAX": "20"}, {"SCAN": "0"}, {"SCAN": "999999"},
+        {"AMIN": "0", "AMAX": "1024"}, {"DMAX": "20"}, {"SCAN": "0"}, {"SCAN": "999999"}, {"SCAN": "0000600"},
     ],
 )  # fmt: skip
 def test_a_field_that_cannot_be_is_refused(change: dict[str, str]) -> None:
