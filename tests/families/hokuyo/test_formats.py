@@ -110,6 +110,8 @@ def test_a_response_begins_with_a_line(before: bytes, is_found: bool) -> None:
     link.receive_data(before + request.data.lstrip(b"\n") + b"00P\n\n", 1)
     assert bool(link.events_received()) == is_found
     assert link.stats.stray_bytes == len(before) if is_found else link.state is LinkState.AWAIT_RESPONSE
+    # Of what is no response only as much is kept as the beginning of one may have.
+    assert link.buffered <= len(request.data)
 
 
 def test_a_block_without_data_is_a_record() -> None:

@@ -12,6 +12,15 @@ from tests.support.rplidar_device import A1, C1, DENSE_BOOST, LISTED, STANDARD, 
 from tests.support.scripts import Answers, drive, played
 
 
+def test_values_have_the_numbers_of_the_sheet() -> None:
+    """rplidar.md 3."""
+    modes = {"MODE_COUNT": 0x70, "SAMPLE_DURATION": 0x71, "MAX_DISTANCE": 0x74, "RESPONSE_TYPE": 0x75}
+    modes |= {"TYPICAL_MODE": 0x7C, "MODE_NAME": 0x7F}
+    rotation = {"DESIRED_ROTATION": 0x01, "MIN_ROTATION": 0x04, "MAX_ROTATION": 0x05}
+    addresses = {"MAC_ADDRESS": 0x79, "NETWORK_ADDRESS": 0x1CCC0}
+    assert {kind.name: kind.value for kind in Conf} == rotation | modes | addresses
+
+
 def test_modes_are_the_devices_own() -> None:
     modes, sent = drive(identified().modes(), LISTED)
     assert modes == (STANDARD, DENSE_BOOST)
