@@ -91,13 +91,13 @@ class Pace:
         return by_time is not None and max(by_time) < SEVERAL
 
     def is_too_short(self, packet_ns: float, arc: float) -> bool:
-        """Whether the device has measured fewer packets than such arcs passed."""
+        """Whether the device has measured hardly more packets than came, and fewer than such arcs passed."""
         halves = self._halves(packet_ns)
-        for measured, turned, _ in halves:
+        for measured, turned, came in halves:
             # A read may end within a packet, so time may be off by one packet. The times of a few packets are
             # mostly computed, not measured (`Packets.cut`).
             arcs = turned / arc
-            if measured < _FEWEST / 2 or measured + 1 >= (1 - OFF) * arcs:
+            if not _FEWEST / 2 <= measured < SEVERAL * came or measured + 1 >= (1 - OFF) * arcs:
                 return False
         return bool(halves)
 

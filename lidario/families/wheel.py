@@ -209,8 +209,8 @@ class Wheel(PacedTurning):
             tells = span < -1 or 0 < times <= _TELLING
             # With a slow rotor, a span within the slack may be a gap: then the next span is like the arc before.
             alone = at < end and times > SEVERAL and abs(likely - last) < abs(likely - span)
-            faster = speeds_up and span < likely and not alone
             # The slack is a share of the longest arc, as in `_is_steady`.
+            faster = speeds_up and span < likely and not alone
             whole = max(1, round(times)) if span - last > slack and last >= _LEAST and not faster else 1
             off = abs(span - whole * usual) / fastest
             known += tells

@@ -61,7 +61,7 @@ def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float
 def is_too_short(points: Sequence[Point], packet_ns: int, arc: float) -> bool:
     """As `Pace.is_too_short`."""
     found = halves(points, packet_ns)
-    short = [4 <= packets < 0.75 * turned / arc - 1 for packets, turned, _ in found]
+    short = [4 <= packets < min(1.5 * came, 0.75 * turned / arc - 1) for packets, turned, came in found]
     return len(found) == 2 and all(short)
 
 
