@@ -1,19 +1,21 @@
 """Counts the revolutions from one beginning to the next by the time, and keeps the time that one takes.
 
 Angles repeat with each revolution, so only time can tell whether one or five have passed unseen. The *anchor* is
-the last beginning up to which all revolutions are counted. From the anchor the clock computes when the next
-beginning is due, in two ways: by the speed, and by the time of the samples since, which is exact while a rotor
-changes its speed.
+the last beginning up to which all revolutions are counted. From there the speed tells when the next beginning is
+due, or the time of the samples since, which is exact while a rotor changes its speed: the nearer of the two counts.
+Time stamps may be late, as after a blocked event loop, but never early. So:
 
-Time stamps may be late, as after a blocked event loop, but never early. A beginning that is late by less than a
-part of a revolution is the next anchor. If it is late by whole revolutions, these may have passed unseen. They are
-counted at once if packets are known to be missing. If the angles show no gap, the anchor stays, and they are
-counted only when the stamps stay late while reads go on: a program that reads late catches up in a moment. And a
-whole revolution can pass unseen only in a silence of its length: if reads went on all the time, the rotor was slow
-or stood still.
+- A beginning that is late by less than a part of a revolution was rightly counted, and is the next anchor.
+- One that is late by whole revolutions may show that these passed unseen. If packets are known to be missing, they
+  are counted at once. Otherwise the anchor stays, and they are counted only when the stamps stay late while reads
+  go on: a program that reads late catches up in a moment.
+- A revolution passes unseen only while nothing is read for as long as it takes. If reads went on all the time, the
+  rotor was slow or stood still.
+- While no speed is sure, the anchor stays. With the first sure speed, all revolutions since then are counted, but
+  for the time that the samples since then took: while these were measured, none passed unseen.
 
-If so little comes that no speed is sure, the anchor stays too, and revolutions are counted when a speed is known.
-Without a speed, the time of a packet tells how many packets are missing.
+How many packets are missing follows: those of the revolutions that passed unseen, if the speed is known; otherwise
+as many as fit into the time since the anchor, less those that came and those that the angles have shown.
 """
 
 import math
@@ -115,8 +117,6 @@ class RevolutionClock:
         self._slowest_ns = slowest_ns
         self._search = SparseSpeed(slowest_ns)
         self._anchor: Beginning | None = None
-        # Set when no speed is known: with the first speed, all revolutions since the anchor are counted.
-        self._is_open = False
         # Since the anchor: time of the samples with the missing ones (NaN if unknown), time of the samples that
         # came, and how many revolutions silences may hide. Then how long reads went on while beginnings were late;
         # None if they are not late.
@@ -141,7 +141,7 @@ class RevolutionClock:
         It is None in three cases: nothing is known of that revolution, stamps are late at the moment, or the next
         one is needed to find the speed or how many revolutions passed since the anchor.
         """
-        return None if self._late_ns is not None or self._is_open or self.needs_speed else self._last
+        return None if self._late_ns is not None or self.needs_speed else self._last
 
     def learn_speed(self, packets: Iterable[tuple[float, int]]) -> None:
         """Take packets that came: the angle at which each begins, in revolutions, and its arrival."""
@@ -186,8 +186,7 @@ class RevolutionClock:
     def follow(self, here: Beginning) -> Passed:
         """Tell what passed since the beginning before, which by the angles is one revolution earlier."""
         last, self._last = self._last, here
-        own_ns = here.revolution_ns
-        needed = self.needs_speed
+        own_ns, is_new = here.revolution_ns, self.needs_speed
         self._correct_packet(here)
         self._correct_speed(here, last)
         anchor = self._anchor
@@ -195,75 +194,64 @@ class RevolutionClock:
             self._be_anchor(here)
             return Passed(0, 0)
         elapsed = here.start_ns - anchor.start_ns
+        by_clock = self._missing_by_clock(here, elapsed)
         self._spanned_ns += last.spanned_ns if last is not None and last.tells_time else math.nan
         self._came_ns += 0.0 if last is None else last.came_ns
         if not self.usual_ns:
-            # No speed is known. Revolutions are counted when one is.
-            self._is_open = True
-            return Passed(0, several(self._missing_by_clock(here, elapsed)))
-        if last is None or not last.revolution_ns or needed or self._is_open or self._was_wrong(last):
-            return Passed(*self._count_all(here, anchor, elapsed))
-        slower = own_ns / last.revolution_ns or 1.0
-        return Passed(*self._count_late(here, last, anchor, slower))
-
-    def _count_all(self, here: Beginning, anchor: Beginning, elapsed: float) -> tuple[int, int]:
-        """Count the revolutions and packets missing since the anchor, by all that is known since then."""
-        missing = self._missing_by_clock(here, elapsed)
-        if math.isnan(self._spanned_ns):
-            turns = elapsed / here.revolution_ns + anchor.over - here.over
-            unseen = int(turns + NOISE) - (here.number - anchor.number)
-            # No revolution passes unseen while samples come: the rotor stood still, or was starting.
-            unseen = min(unseen, int((elapsed - self._came_ns) / here.revolution_ns + NOISE))
-        else:
-            unseen = int((elapsed - self._spanned_ns) / here.revolution_ns + NOISE)
-        # If too many were counted before, `unseen` is negative, and that many are left out later.
-        self._be_anchor(here, unseen, missing)
-        return max(0, unseen), several(missing)
-
-    def _count_late(self, here: Beginning, last: Beginning, anchor: Beginning, slower: float) -> tuple[int, int]:
-        """Count missing revolutions and packets by how much later this beginning is than it was due."""
-        elapsed = here.start_ns - anchor.start_ns
-        self._hides += last.hides
+            return Passed(0, several(by_clock))
         share = here.number - anchor.number + here.over - anchor.over
+        if last is None or is_new or self._was_wrong(last):
+            # Only now the speed is known: all revolutions since the anchor are counted.
+            unseen = math.floor(elapsed / here.revolution_ns - share + NOISE)
+            # None passes unseen while samples are measured: the rotor stood still, or was starting.
+            measured_ns = self._came_ns if math.isnan(self._spanned_ns) else self._spanned_ns
+            unseen = min(unseen, int((elapsed - measured_ns) / here.revolution_ns + NOISE))
+            # If too many were counted before, `unseen` is negative, and that many are left out later.
+            self._be_anchor(here, unseen, by_clock)
+            return Passed(max(0, unseen), several(by_clock))
+        # Revolutions that passed unseen had a speed between the one before and the one behind.
+        slower = own_ns / last.revolution_ns or 1.0
         late_ns = elapsed - share * last.revolution_ns
         if not math.isnan(self._spanned_ns):
             # The rotor may change its speed; the time of a sample stays the same.
             late_ns = min(late_ns, elapsed - self._spanned_ns, key=abs)
-        # Revolutions that passed unseen had a speed between the one before and the one behind.
         late = late_ns / (last.revolution_ns * (1 + slower) / 2)
-        each = last.revolution_packets
-        if here.packets < NEARLY_ALL * each and here.read_ns and abs(late + 1) <= NOISE:
+        each, passed = last.revolution_packets, max(0, int(late + NOISE))
+        if here.packets + here.lost < NEARLY_ALL * each and here.read_ns and abs(late + 1) <= NOISE:
             # It begins a revolution too early, but time stamps are never early: a false angle ended the revolution
             # before too soon. If nearly all of it came, it is a revolution: doubled bytes had put a part before it.
             self._last = last
-            return -1, 0
+            return Passed(-1, 0)
+        self._hides += last.hides
         # Broken and with more packets than a revolution has: an outage of almost one lies in it, behind which the
         # angle was only a little back.
         gap = last.lost or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
-        unseen, passed = 0, int(late + NOISE) if late >= 1 - NOISE else 0
         if passed and self._hides:
             self._late_ns = (self._late_ns or 0) + here.read_ns
             if not gap and self._late_ns < self._least_late * here.revolution_ns:
-                return 0, 0
-            unseen = int(min(passed, self._hides))
-        due_ns = elapsed if passed else min(elapsed, share * last.revolution_ns)
-        by_clock = max(0, self._missing_by_clock(here, due_ns))
-        fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
-        lost = min(max(by_clock, fewest), most)
-        if unseen < passed or (last.broken and not unseen):
-            # No more revolutions can hide in silences: the rotor was slow or stood still.
-            lost = several(by_clock)
-        elif last.broken and (gap or last.packets < NEARLY_ALL * each):
-            # Its angles do not show all that is missing. Of the two counts the smaller is taken.
-            lost = min(lost, by_clock)
+                return Passed(0, 0)
+        # What cannot hide in silences did not pass: the rotor was slow or stood still.
+        unseen, lost = int(min(passed, self._hides)), 0
+        if unseen < passed or (last.broken and not passed):
+            # How late it is proves nothing, unless it is late by whole revolutions.
+            due_ns = elapsed if passed else min(elapsed, share * last.revolution_ns)
+            lost = several(self._missing_by_clock(here, due_ns))
+        elif unseen:
+            fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
+            # If little came of a broken revolution, what is missing in it may already be counted.
+            is_counted = last.broken and (gap or last.packets < NEARLY_ALL * each)
+            lost = min(max(by_clock, 0 if is_counted else fewest), most)
         if here.broken and not passed:
             # It began when it was due. All packets that came of it may lie behind an outage, or be late.
             here.start_ns -= round(max(0.0, late_ns))
-        left = self._hides - unseen
         self._be_anchor(here, unseen, lost)
-        # A silence that hid some may have hidden more: the next beginning may show them.
-        self._hides = left if unseen else 0.0
-        return unseen, lost
+        return Passed(unseen, lost)
+
+    def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
+        """Packets missing since the anchor beyond those known, by the time of one; negative if more are known."""
+        if not self._packet_ns or self._anchor is None:
+            return 0
+        return round(elapsed / self._packet_ns) - (here.packets_before - self._anchor.packets_before)
 
     def _was_wrong(self, last: Beginning) -> bool:
         """Whether the speed borrowed for the last revolution is not like the one that is sure now.
@@ -279,14 +267,8 @@ class RevolutionClock:
     def _be_anchor(self, here: Beginning, unseen: int = 0, lost: int = 0) -> None:
         here.number += unseen
         here.packets_before += lost
-        self._anchor, self._is_open, self._late_ns = here, False, None
+        self._anchor, self._late_ns = here, None
         self._spanned_ns = self._came_ns = self._hides = 0.0
-
-    def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
-        """Packets missing since the anchor beyond those known, by the time of one; negative if more are known."""
-        if not self._packet_ns or self._anchor is None:
-            return 0
-        return round(elapsed / self._packet_ns) - (here.packets_before - self._anchor.packets_before)
 
     def _correct_packet(self, here: Beginning) -> None:
         """If only short packets came, take the time of an ordinary packet from before."""
@@ -311,9 +293,8 @@ class RevolutionClock:
         # A rotor that is slower than any speed it can keep has just begun to turn.
         enough = alike or (came and here.revolution_ns <= ENDLESS_TURNS * self._slowest_ns)
         if here.revolution_ns and not here.broken and enough:
-            if last is None:
-                confirmed = not usual_ns or alike
-            else:
+            confirmed = last is None and (not usual_ns or alike)
+            if last is not None:
                 elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
                 confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE
                 if last.tells_time and not confirmed:
