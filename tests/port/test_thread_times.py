@@ -126,9 +126,10 @@ class Noted(Alarm):
         self._rung = threading.Semaphore(0)
 
     def set(self, at: float) -> None:
-        self.at = at
+        self.at, is_past = at, at <= self._clock.now
+        # Behind that the test may move the clock at any moment.
         self.times.put(at)
-        if at <= self._clock.now:
+        if is_past:
             self.ring()
 
     def ring(self) -> None:
