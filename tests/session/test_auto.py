@@ -226,6 +226,21 @@ async def test_behind_a_search_by_dtr_that_finds_none_what_dtr_lights_is_dark_ag
     await port.close()
 
 
+async def test_one_that_holds_half_a_request_is_asked_until_it_has_forgotten_that() -> None:
+    """`Timing.forget_s` tells how long that may take; nothing is known of the device, so each is asked so long."""
+    device = make_rig("rplidar-s2").device
+    hear, forgets_at = device.receive, now() + 4.5
+
+    def receive(data: bytes, at_ns: int) -> None:
+        if now() >= forgets_at:
+            hear(data, at_ns)
+
+    device.receive = receive
+    async with open_lidar(device) as lidar:
+        assert lidar.info.family == "rplidar"
+    assert now() >= forgets_at
+
+
 async def test_one_whose_response_is_damaged_while_dtr_is_asserted_is_asked_once_more() -> None:
     """It is dark before, so the question that was damaged is the only one that it was asked."""
     damaged = 0
