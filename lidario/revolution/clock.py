@@ -293,8 +293,9 @@ class RevolutionClock:
         # A rotor that is slower than any speed it can keep has just begun to turn.
         enough = alike or (came and here.revolution_ns <= ENDLESS_TURNS * self._slowest_ns)
         if here.revolution_ns and not here.broken and enough:
-            confirmed = last is None and (not usual_ns or alike)
-            if last is not None:
+            if last is None:
+                confirmed = not usual_ns or alike
+            else:
                 elapsed = (here.start_ns - last.start_ns) / here.revolution_ns
                 confirmed = abs(elapsed - (1 + here.over - last.over)) < NOISE
                 if last.tells_time and not confirmed:
