@@ -4,7 +4,8 @@
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Self, TypeVar, cast
 
 import numpy as np
@@ -35,9 +36,12 @@ class Return:
     index: int
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MeasuredSamples:
-    """Base of the records that hold samples. They tell what these fields mean."""
+    """Base of the records that hold samples. They tell what these fields mean.
+
+    It has no slots: what is computed on first use is kept beside the fields.
+    """
 
     device_angles: FloatArray
     device_distances: FloatArray
@@ -48,13 +52,8 @@ class MeasuredSamples:
     duration_ns: int
     rpm: float
     seq: int
-    _angles: FloatArray | None = field(default=None, init=False)
-    _ranges: FloatArray | None = field(default=None, init=False)
     # Which samples filters took out; None for none.
     _left_out: NDArray[np.bool_] | None = field(default=None, init=False)
-    # Cosine and sine of the angles.
-    _directions: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
-    _times_ns: NDArray[np.int64] | None = field(default=None, init=False)
     _gaps: Gaps | None = field(default=None, init=False)  # where samples are missing; None where that is not known
 
     def __len__(self) -> int:
@@ -62,25 +61,20 @@ class MeasuredSamples:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # By itself a dataclass would leave the arrays of a loaded record writeable: numpy does not keep that.
-        record: Any = self
         return _made_again, (
             type(self),
-            {each.name: getattr(self, each.name) for each in fields(record) if each.name not in _MADE_ON_USE},
+            {name: value for name, value in vars(self).items() if name not in _MADE_ON_USE},
         )
 
-    @property
+    @cached_property
     def angles(self) -> FloatArray:
         """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
-        if self._angles is None:
-            object.__setattr__(self, "_angles", radians_of(self.device_angles))
-        return cast("FloatArray", self._angles)
+        return radians_of(self.device_angles)
 
-    @property
+    @cached_property
     def ranges(self) -> FloatArray:
         """Metres, float32; NaN where nothing came back."""
-        if self._ranges is None:
-            object.__setattr__(self, "_ranges", metres_of(self.device_distances))
-        return cast("FloatArray", self._ranges)
+        return metres_of(self.device_distances)
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -92,29 +86,27 @@ class MeasuredSamples:
         """Mask of the samples that filters took out, shape (n,); none is `valid`."""
         return read_only(np.zeros(len(self), np.bool_)) if self._left_out is None else self._left_out
 
-    @property
+    @cached_property
     def times_ns(self) -> NDArray[np.int64]:
         """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
 
         Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
         that are missing are counted too, as far as the angles tell how many they are.
         """
-        if self._times_ns is None:
-            rotor = self._follow_rotor() if cast("Any", self).lost_packets else None
-            if rotor is None:
-                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
-            else:
-                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
-            object.__setattr__(self, "_times_ns", read_only(offsets + self.stamp_ns))
-        return cast("NDArray[np.int64]", self._times_ns)
+        rotor = self._follow_rotor() if cast("Any", self).lost_packets else None
+        if rotor is None:
+            offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
+        else:
+            offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
+        return read_only(offsets + self.stamp_ns)
 
     def directions(self) -> tuple[FloatArray, FloatArray]:
         """Cosine and sine of `angles`, each float32, shape (n,)."""
-        if self._directions is None:
-            object.__setattr__(
-                self, "_directions", (read_only(np.cos(self.angles)), read_only(np.sin(self.angles)))
-            )
-        return cast("tuple[FloatArray, FloatArray]", self._directions)
+        return self._directions
+
+    @cached_property
+    def _directions(self) -> tuple[FloatArray, FloatArray]:
+        return read_only(np.cos(self.angles)), read_only(np.sin(self.angles))
 
     def xy(self) -> NDArray[np.float32]:
         """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
@@ -184,20 +176,27 @@ class MeasuredSamples:
         return made
 
 
-_MADE_ON_USE = ("_angles", "_ranges", "_directions")
+_MADE_ON_USE = ("angles", "ranges", "_directions")
 
 
 def _made_again(kind: type[_RecordT], values: dict[str, Any]) -> _RecordT:
     """A record that was copied or pickled."""
+    for value in values.values():
+        if isinstance(value, np.ndarray):
+            read_only(value)
+    return made_of(kind, values)
+
+
+def made_of(kind: type[_RecordT], values: dict[str, Any]) -> _RecordT:
+    """A record with these values of its fields. The constructor of a frozen class takes seven times as long."""
     made = object.__new__(kind)
-    for name, value in {**dict.fromkeys(_MADE_ON_USE), **values}.items():
-        object.__setattr__(made, name, read_only(value) if isinstance(value, np.ndarray) else value)
+    vars(made).update(values)
     return made
 
 
 def with_gaps(record: _RecordT, gaps: Gaps | None) -> _RecordT:
     """A new record, told where samples are missing in it."""
-    object.__setattr__(record, "_gaps", gaps)
+    vars(record)["_gaps"] = gaps
     return record
 
 
@@ -205,8 +204,8 @@ def changed(record: _RecordT, **fields: Any) -> _RecordT:
     """The same record with other values of public fields; what is known of its samples goes with it."""
     given: Any = record
     made: _RecordT = replace(given, **fields)
-    object.__setattr__(made, "_left_out", record._left_out)  # noqa: SLF001 - of this module
-    return with_gaps(made, record._gaps)  # noqa: SLF001 - of this module
+    vars(made).update(_left_out=record._left_out, _gaps=record._gaps)  # noqa: SLF001 - of this module
+    return made
 
 
 def later(record: _RecordT, by_ns: int) -> _RecordT:
@@ -215,7 +214,7 @@ def later(record: _RecordT, by_ns: int) -> _RecordT:
     return changed(record, stamp_ns=fields.stamp_ns + by_ns, wall_stamp_ns=fields.wall_stamp_ns + by_ns)
 
 
-_OF_TIME_AND_ANGLE = ("_angles", "_directions", "_gaps", "_times_ns", "_rotor")
+_OF_TIME_AND_ANGLE = ("angles", "_directions", "_gaps", "times_ns", "_rotor")
 
 
 def with_distances(
@@ -231,8 +230,6 @@ def with_distances(
         return record
     given: Any = measured
     made: _RecordT = replace(given, device_distances=read_only(distances))
-    for name in _OF_TIME_AND_ANGLE:
-        if hasattr(measured, name):
-            object.__setattr__(made, name, getattr(measured, name))
-    object.__setattr__(made, "_left_out", None if left_out is None else read_only(left_out))
+    vars(made).update({name: value for name, value in vars(measured).items() if name in _OF_TIME_AND_ANGLE})
+    vars(made)["_left_out"] = None if left_out is None else read_only(left_out)
     return made if measured is record else record._ordered_as_this(made)  # noqa: SLF001

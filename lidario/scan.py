@@ -32,7 +32,7 @@ _PLAIN: Final = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scan(MeasuredSamples):
     """One full revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
 
@@ -92,7 +92,7 @@ class Scan(MeasuredSamples):
         `to_laserscan` of the sorted scan gives the same as that of this one.
         """
         made = self._taken(np.argsort(self.angles, kind="stable"))
-        object.__setattr__(made, "_measured", self._in_time_order())
+        vars(made)["_measured"] = self._in_time_order()
         return made
 
     def at(self, angle: float, *, within: float = math.radians(1.0)) -> Return | None:
@@ -145,13 +145,12 @@ class Scan(MeasuredSamples):
         made = self._taken(keep)
         later_ns = int(made.times_ns[0]) - self.stamp_ns if len(made) else 0
         rotor = self._follow_rotor()
-        for name, value in {
-            "stamp_ns": self.stamp_ns + later_ns,
-            "wall_stamp_ns": self.wall_stamp_ns + later_ns,
-            "duration_ns": self.duration_ns - later_ns,
-            "_rotor": replace(rotor, begin_ns=rotor.begin_ns - later_ns),
-        }.items():
-            object.__setattr__(made, name, value)
+        vars(made).update(
+            stamp_ns=self.stamp_ns + later_ns,
+            wall_stamp_ns=self.wall_stamp_ns + later_ns,
+            duration_ns=self.duration_ns - later_ns,
+            _rotor=replace(rotor, begin_ns=rotor.begin_ns - later_ns),
+        )
         return made
 
     def points(
@@ -206,8 +205,7 @@ class Scan(MeasuredSamples):
             intensities=None if self.intensities is None else read_only(self.intensities[which]),
         )
         left_out = None if self._left_out is None else read_only(self._left_out[which])
-        object.__setattr__(made, "_times_ns", read_only(self.times_ns[which]))
-        object.__setattr__(made, "_left_out", left_out)
+        vars(made).update(times_ns=read_only(self.times_ns[which]), _left_out=left_out)
         return made
 
     def _in_time_order(self) -> Scan:

@@ -20,7 +20,7 @@ _PLAIN: Final = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sector(MeasuredSamples):
     """A part of one revolution, its samples in the order they were measured. All arrays are read-only, shape (n,).
 

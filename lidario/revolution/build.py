@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Stream
-from lidario.measured import with_gaps
+from lidario.measured import made_of
 from lidario.revolution.partial import SampleArrays
 from lidario.rotor import Gaps
 from lidario.scan import Scan, read_only
@@ -49,22 +49,24 @@ def build_scan(
         lost: Packets missing in it.
     """
     arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps = revolution
-    made = Scan(
-        device_angles=read_only(arrays.angle),
-        device_distances=read_only(arrays.distance),
-        intensities=None if arrays.intensity is None else read_only(arrays.intensity),
-        stamp_ns=start_ns,
-        wall_stamp_ns=wall_ns,
-        time_increment_ns=round(sample_ns),
-        duration_ns=round(spanned_ns),
-        rpm=60e9 / revolution_ns if revolution_ns else math.nan,
-        seq=seq,
-        dropped_before=0,
-        lost_packets=lost,
-        mode=stream.mode.name,
-        max_range=stream.mode.max_distance,
-        seam=(stream.format.begin_deg + stream.zero_offset_deg) % 360.0,
-        reported_rpm=reported_rpm,
-        field_of_view=stream.format.field_deg,
-    )
-    return with_gaps(made, gaps) if lost else made
+    values: dict[str, object] = {
+        "device_angles": read_only(arrays.angle),
+        "device_distances": read_only(arrays.distance),
+        "intensities": None if arrays.intensity is None else read_only(arrays.intensity),
+        "stamp_ns": start_ns,
+        "wall_stamp_ns": wall_ns,
+        "time_increment_ns": round(sample_ns),
+        "duration_ns": round(spanned_ns),
+        "rpm": 60e9 / revolution_ns if revolution_ns else math.nan,
+        "seq": seq,
+        "dropped_before": 0,
+        "lost_packets": lost,
+        "mode": stream.mode.name,
+        "max_range": stream.mode.max_distance,
+        "seam": (stream.format.begin_deg + stream.zero_offset_deg) % 360.0,
+        "reported_rpm": reported_rpm,
+        "field_of_view": stream.format.field_deg,
+    }
+    if lost:
+        values["_gaps"] = gaps
+    return made_of(Scan, values)
