@@ -183,9 +183,10 @@ def in_turn(angles: Floats, full_turn: int, *, back: bool) -> None:
         np.floor(turns, out=turns)
         turns *= full_turn
         angles -= turns
-    # After that, a tiny negative angle plus 360 degrees may have been rounded up to 360.
-    if np.maximum.reduce(angles, axis=None) >= full_turn:
-        np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
+        if np.maximum.reduce(angles, axis=None) < full_turn:
+            return
+        # A tiny negative angle plus 360 degrees was rounded up to 360.
+    np.subtract(angles, full_turn, out=angles, where=angles >= full_turn)
 
 
 def write_degrees(degrees: NDArray[np.floating[Any]], into: Floats) -> None:

@@ -36,40 +36,37 @@ class Pace:
 
     def __init__(self, full_turn: int) -> None:
         self._full_turn = full_turn
-        self._points: list[_Point] = []
+        self.points: list[_Point] = []  # what is remembered
         self._turned = self._came = 0
-        self._is_doubted = False
+        # Whether the latest time was computed as if no packet were missing: the next one shall replace it.
+        self.is_doubted: bool = False
 
     def copy(self) -> Self:
         """An independent copy."""
         twin = copy_of(self)
-        twin._points = [*self._points]  # noqa: SLF001 - its own
+        twin.points = [*self.points]
         return twin
 
     def clear(self) -> None:
         """Forget all reads: the next packets do not follow them."""
-        self._points, self._is_doubted = [], False
-
-    def doubt_last(self) -> None:
-        """The latest time was computed as if no packet were missing: the next one shall replace it."""
-        self._is_doubted = bool(self._points)
+        self.points, self.is_doubted = [], False
 
     def add(self, spans: Sequence[int] | Ints, arrivals: Sequence[Arrival]) -> None:
         """Take the next packets: how far ahead of each the next one is, and when they came."""
         begin, turned = 0, self._turned
-        if self._is_doubted:
-            self._points.pop()
-        self._is_doubted = False
+        if self.is_doubted and self.points:
+            self.points.pop()
+        self.is_doubted = False
         for count, at_ns in arrivals:
             # Of packets with one time, only the last has just been measured.
-            if self._points and self._points[-1].at_ns == at_ns:
-                self._points.pop()
+            if self.points and self.points[-1].at_ns == at_ns:
+                self.points.pop()
             turned += int(np.add.reduce(spans[begin : count - 1]))
             begin = count - 1
-            self._points.append(_Point(at_ns, turned, self._came + count))
+            self.points.append(_Point(at_ns, turned, self._came + count))
         self._turned = turned + int(np.add.reduce(spans[begin:]))
         self._came += len(spans)
-        del self._points[:-REMEMBERED]
+        del self.points[:-REMEMBERED]
 
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
         """How many packets the device has measured for each arc, in the first and in the second half of the time.
@@ -103,7 +100,7 @@ class Pace:
 
     def _halves(self, packet_ns: float) -> list[tuple[float, int, int]]:
         """In each half of the time: packets that were measured, how far the rotor turned, and packets that came."""
-        if not packet_ns or len(self._points) < 3:
+        if not packet_ns or len(self.points) < 3:
             return []
         points = self._without_outages()
         begin, end = points[0], points[-1]
@@ -120,13 +117,13 @@ class Pace:
         """
         steps = [
             _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
-            for before, after in pairwise(self._points)
+            for before, after in pairwise(self.points)
         ]
         each_ns = [step.at_ns / step.turned for step in steps if step.turned > 0]
         if not each_ns:
-            return self._points
+            return self.points
         turn_ns = median_low(each_ns) * self._full_turn
-        points = [self._points[0]]
+        points = [self.points[0]]
         for step in steps:
             last = points[-1]
             if abs(step.at_ns - turn_ns * step.turned / self._full_turn) > turn_ns / 2:
@@ -157,7 +154,7 @@ class PacedTurning(Turning):
         self._packet_ns, self._time_passes = self._samples * sample_ns, passes
 
     def doubt_time(self) -> None:
-        self._pace.doubt_last()
+        self._pace.is_doubted = True
 
     def _note_close(self, packets: int) -> None:
         """Count packets that are reported to follow each other."""

@@ -15,7 +15,7 @@ whole turn together, nothing is judged.
 """
 
 from collections.abc import Sequence
-from operator import sub
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -79,7 +79,7 @@ class FalsePackets:
         if not self._mean or skips or self._waiting is not None:
             return None
         least, most = max(0.0, self._arc - self._slack), self._mean + self._slack
-        full_turn, last = self._full_turn, self._last
+        full_turn, last, passing = self._full_turn, self._last, list[int]()
         if isinstance(headings, np.ndarray):
             plain = headings & HEADING_MASK
             steps = np.empty_like(plain)
@@ -89,21 +89,21 @@ class FalsePackets:
             steps[back] += full_turn
             if not (np.minimum.reduce(steps) > least and np.maximum.reduce(steps) <= most):
                 return None
-            passing, advances, last = back.tolist(), steps[-MEASURED:].tolist(), int(plain[-1])
+            passing, latest = back.tolist(), steps[-MEASURED:].tolist()
         else:
-            # Some dozen packets, once a revolution: built-in functions take a tenth of the time of a loop.
-            few = headings if max(headings) <= HEADING_MASK else [heading & HEADING_MASK for heading in headings]
-            advances, passing = list(map(sub, few, (last, *few[:-1]))), []
-            while (least_here := min(advances)) < 0:
-                at = advances.index(least_here)
-                advances[at] += full_turn
-                passing.append(at)
-            if not least < least_here <= max(advances) <= most:
-                return None
-            passing.sort()
-            last = few[-1]
-        self._last = last
-        self._advances += advances
+            # Once a revolution, with cold caches, this loop takes a third of the time of `map`, `min` and `max`.
+            for at, heading in enumerate(headings):
+                if not least < heading - last <= most:
+                    heading &= HEADING_MASK  # mostly it has no flag
+                    if heading < last:
+                        passing.append(at)
+                    if not least < (heading - last) % full_turn <= most:
+                        return None
+                last = heading
+            few = [heading & HEADING_MASK for heading in [self._last, *headings][-MEASURED - 1 :]]
+            latest = [(after - before) % full_turn for before, after in pairwise(few)]
+        self._last = int(headings[-1]) & HEADING_MASK
+        self._advances += latest
         self._measure()
         return passing
 

@@ -128,7 +128,10 @@ class Seam:
                 self._last = int(away[end - 1])
                 if self._last >= self._near:
                     self._passed_unmarked = False
-                    if not self._armed:
+                    middle = (begin + end) // 2
+                    if not self._armed and begin < middle and self._near <= away[middle] <= self._far:
+                        self._armed = True  # it was reached from there, so forwards
+                    elif not self._armed:
                         beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
                         self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
             begin = end
