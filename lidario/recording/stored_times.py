@@ -47,8 +47,10 @@ class StoredTimes:
         """The next packets, with the times at which they came."""
         wire = self._wire
         places = [0, *[at for at, _ in packets.skips if at], packets.count]
+        if len(places) == 2:
+            return self._dated(packets)
         parts = [part_of(packets, *each, None, wire, self._sample_ns) for each in pairwise(places)]
-        return joined([self._dated(part) for part in (parts if len(parts) > 1 else [packets])])
+        return joined([self._dated(part) for part in parts])
 
     def _dated(self, packets: Packets) -> Packets:
         """As `dated`, where nothing was skipped but before the first of them."""

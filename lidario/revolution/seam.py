@@ -106,7 +106,9 @@ class Seam:
             found += [split for at, each in enumerate(headings, offset) if (split := self._step(at, int(each)))]
         elif isinstance(headings, np.ndarray):
             away = (headings - angle) % full_turn if angle else headings
-            self._rise(headings, away, offset, ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), found)
+            falling = away[1:] < away[:-1]
+            fallen = (falling.nonzero()[0] + 1).tolist() if np.count_nonzero(falling) else ()
+            self._rise(headings, away, offset, fallen, found)
         else:
             few = [(heading - angle) % full_turn for heading in headings] if angle else headings
             # Sorting a sorted list is faster than a loop of comparisons.

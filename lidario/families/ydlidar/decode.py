@@ -18,6 +18,7 @@ packet holds one sample. A start packet is lost if packets pass the place where 
 """
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -132,7 +133,9 @@ class CloudDecoder(ArcDecoder):
                 np.divide(grid, 64.0 * steps, out=beams[at:until].reshape(count, samples), dtype=beams.dtype)
             at, place, packet = until, behind, end
         word = np.ascontiguousarray(raw[:, -2:]).view("<u2")[:, 0]
-        np.divide(word & 0xFFFC if kind.flags else word, kind.unit, out=output.distance, casting="unsafe")
+        output.distance[...] = word & 0xFFFC if kind.flags else word
+        if kind.unit > 1:
+            output.distance /= kind.unit
         if kind.triangle:
             d = output.distance.astype(np.float64)
             with np.errstate(divide="ignore"):
@@ -184,11 +187,12 @@ class CloudDecoder(ArcDecoder):
     def _reported_rpm(self, heads: Heads, begin: int, end: int) -> float:
         """The speed that the first start packet among these tells; NaN if there is none."""
         control: Control = heads.read
-        mark = next((at for at in control.marked if begin <= at < end), None)
-        if mark is None:
+        marked = control.marked
+        mark = bisect_left(marked, begin)
+        if mark == len(marked) or marked[mark] >= end:
             return math.nan
         # A real X4 sends 0 in each start packet, which is no speed.
-        return 6.0 * ((int(control.words[mark]) >> 1 & SPEED_CODE) + self._kind.speed_base) or math.nan
+        return 6.0 * ((int(control.words[marked[mark]]) >> 1 & SPEED_CODE) + self._kind.speed_base) or math.nan
 
 
 def _full_packets(samples: float, ordinary: int) -> int:

@@ -35,13 +35,13 @@ device information that nobody asked for, header and 20 bytes, which some models
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.wire.blocks import Block, packet_offsets, some_blocks
+from lidario.wire.blocks import Block, join_blocks, packet_offsets, some_blocks
 from lidario.wire.envelope import xor_bytes
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
@@ -54,6 +54,8 @@ ORDINARY_SAMPLES: Final = 80
 START_BIT: Final = 0x01
 MAGIC_WORD: Final = 0x55AA
 
+AT_ONCE: Final = 64
+"""So many packets are compared in one look: about as many as a revolution has between two start packets."""
 ONE_SAMPLE: Final = 1 << 8  # in the second word of a packet, with START_BIT off
 LAST_Q6: Final = 2 << 6
 """A packet of one sample that is no start packet is the last one of its revolution, wherever it stands. A real
@@ -68,18 +70,28 @@ INFO_SIZE: Final = 20
 
 
 def equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
-    """How many whole packets of `size` bytes follow each other from `at`, by the sizes that they state."""
+    """How many whole packets of `size` bytes follow each other from `at`, by the sizes that they state.
+
+    It looks at `AT_ONCE` packets at most.
+    """
     # Each packet states its size, and so where the next begins: packets of equal sizes stand at equal steps.
-    lengths = data[at + 3 : len(data) - size + 4 : size]
+    lengths = data[at + 3 : min(len(data) - size + 4, at + AT_ONCE * size) : size]
     return len(lengths) - len(lengths.lstrip(lengths[:1]))
+
+
+def packet_begins(blocks: Sequence[Block]) -> NDArray[np.intp]:
+    """The offset at which each packet begins; shape (packets,)."""
+    sizes = np.repeat([size for size, _ in blocks], [count for _, count in blocks])
+    begins: NDArray[np.intp] = np.add.accumulate(sizes) - sizes
+    return begins
 
 
 def packet_heads(packets: Packets) -> NDArray[np.uint16]:
     """The words before the samples, shape (packets, 5)."""
-    data, begins = packets.data, packet_offsets(packets.blocks)[:-1]
+    data = packets.data
     # A view with a head at each byte, of which those are taken that begin a packet: they may begin at odd places.
     anywhere = np.ndarray(len(data) - HEADER_SIZE + 1, f"V{HEADER_SIZE}", data, strides=(1,))
-    heads: NDArray[np.uint16] = anywhere[np.array(begins)].view("<u2").reshape(-1, HEADER_SIZE // 2)
+    heads: NDArray[np.uint16] = anywhere[packet_begins(packets.blocks)].view("<u2").reshape(-1, HEADER_SIZE // 2)
     return heads
 
 
@@ -136,13 +148,13 @@ class PointCloud(StreamFormat):
             if not 0 < size <= len(data) - end:
                 break
             rows = equal_sizes(data, end, size) if size <= self.ordinary else 1
-            found.append(Block(size, rows))
+            join_blocks(found, (Block(size, rows),))
             end += rows * size
         count = sum([rows for _, rows in found])
         if count < self.worth_an_array:
             return super().run(data, at)
         words = np.frombuffer(data, "<u2", (end - at) // 2, at)
-        begins = np.array(packet_offsets(found)[:-1]) >> 1
+        begins = packet_begins(found) >> 1
         wrong = np.bitwise_xor.reduceat(words, begins)
         wrong |= words.take(begins) ^ MAGIC_WORD
         if np.count_nonzero(wrong):
