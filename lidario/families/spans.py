@@ -105,13 +105,13 @@ def spans_between(heads: Heads, full_turn: int, retreat: int) -> tuple[Ints, int
     last = 0 if following is None else following - int(first[-1])
     # Mostly, the angles pass 0 only at this last span.
     spans[-1] = last + full_turn if last < -retreat else last
-    least, greatest, total = _extent(spans)
+    least, greatest, total = extent(spans)
     if least < -retreat:
         np.add(spans, full_turn, out=spans, where=spans < -retreat)
-        least, greatest, total = _extent(spans)
+        least, greatest, total = extent(spans)
     if greatest >= full_turn - retreat:
         np.subtract(spans, full_turn, out=spans, where=spans >= full_turn - retreat)
-        least, greatest, total = _extent(spans)
+        least, greatest, total = extent(spans)
     return spans, least, greatest, total
 
 
@@ -139,7 +139,8 @@ def largest_group(spans: Sequence[int]) -> tuple[float, int]:
     return sum(spans[place : place + best]) / best, best
 
 
-def _extent(values: Ints) -> tuple[int, int, int]:
+def extent(values: Ints) -> tuple[int, int, int]:
+    """The least, the greatest and the sum of values."""
     if len(values) < SPANS_WORTH_AN_ARRAY:
         plain = values.tolist()
         return min(plain), max(plain), sum(plain)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from lidario.families.pace import OFF, PacedTurning
 from lidario.families.rplidar.chains import FULL_TURN_Q6, beams_of
-from lidario.families.spans import Arcs, Heads, Ints, by_revolution, spans_between
+from lidario.families.spans import Arcs, Heads, Ints, by_revolution, extent, spans_between
 from lidario.wire.events import Arrival
 
 Steps = NDArray[np.float64]
@@ -81,18 +81,23 @@ class NodeSteps(PacedTurning):
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
-        if isinstance(heads.read, Nodes) and not self._is_ordinary(self._typical, shortest, longest):
+        count = len(spans) - (not followed)
+        if count and not followed:
+            shortest, longest, total = extent(spans[:-1])
+        # Steps that are all like their mean show no gap, nor another speed.
+        usual = self._typical if self._certain else total / max(1, count)
+        if isinstance(heads.read, Nodes) and not self._is_ordinary(usual, shortest, longest):
             beams = spans_between(heads.read.beams(heads), self._full_turn, self._retreat)
             # Much more even, since damage alone may make the beams a little more even.
             if 2 * _unevenness(beams[0]) < _unevenness(spans):
                 spans, shortest, longest, total = beams
-        if self._certain and followed and self._is_ordinary(self._typical, shortest, longest):
+        if (self._certain or count >= CERTAIN_STEPS) and self._is_ordinary(usual, shortest, longest):
             # With no step far off, the mean is as good as the median, and much cheaper.
-            self._typical, self._strange = total / len(spans), 0
+            self._typical, self._certain, self._strange = total / count, True, 0
             times = self._corrected(spans, arrivals, 1.0)
             if times == 1:
-                self._note_close(len(spans))
-                return Arcs(spans, None, total / len(spans), certain=True)
+                self._note_close(count)
+                return Arcs(spans, None, total / count, certain=True)
             steps, missing = self._walk(spans, followed=followed)
         else:
             steps, missing = self._walk(spans, followed=followed)
@@ -103,7 +108,7 @@ class NodeSteps(PacedTurning):
             if times != 1:
                 steps, missing = self._walk(spans, followed=followed)
             elif not missing.any():
-                self._note_close(len(spans) - (not followed))
+                self._note_close(count)
         skipped = missing if missing.any() else None
         # If the rotor stood all the time, nodes show no step: keep the last one.
         step = float(steps.mean()) or self._typical
