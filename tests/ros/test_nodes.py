@@ -25,7 +25,7 @@ from tests.support.loop import run_driven
 from tests.support.messages import decoded
 from tests.support.network import until
 from tests.support.router import Router, client
-from tests.support.samples import every_model
+from tests.support.samples import MODELS, ONE_A_FAMILY
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
 
 COUNT = 30
@@ -103,7 +103,7 @@ def test_the_rules_themselves() -> None:
 
 
 @pytest.mark.long
-@every_model()
+@pytest.mark.exhaustive("model", sample=ONE_A_FAMILY, full=MODELS)
 async def test_slam_toolbox_takes_every_message_and_returns_lie_on_the_walls(router: Router, model: str) -> None:
     scans = await asyncio.to_thread(scans_of, model)
     messages, _ = await published(router, 41, scans)

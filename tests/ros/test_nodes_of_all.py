@@ -5,6 +5,7 @@ slam_toolbox knows both of the first message alone.
 """
 
 import asyncio
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from tests.ros.test_nodes import COUNT, MUST_BE_NAMED, published, scans_of
 from tests.support.loop import run_driven
 from tests.support.messages import scans_of_file
 from tests.support.router import Router
-from tests.support.samples import SOME_MODELS
+from tests.support.samples import ONE_A_FAMILY, SOME_MODELS
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
 
 TROUBLE = {
@@ -29,11 +30,14 @@ TROUBLE = {
     "drop": {"fault": "drop:0.05%"},
 }
 CASES = [("record", "spin-up"), ("topic", "none"), ("export", "flip"), ("record", "drop"), ("topic", "spin-up")]
-WAYS_AND_MODELS = [
-    *((*CASES[number % len(CASES)], model) for number, model in enumerate(SOME_MODELS)),
-    *((*case, model) for case in CASES for model in SOME_MODELS[:: len(CASES)]),
-]
-"""A model of every kind once, in turns, and some in every way."""
+
+
+def in_turns(models: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Each model in one way, and ways in turns."""
+    return [(*CASES[number % len(CASES)], model) for number, model in enumerate(models)]
+
+
+SOME_IN_EVERY_WAY = [(*case, model) for case in CASES for model in SOME_MODELS[:: len(CASES)]]
 SOUND = 0.98
 """Share of the returns of a message, and on a damaged line of all: not every format has a check sum, and what is
 read behind a byte that was lost, until the packets are found again, is anywhere."""
@@ -71,7 +75,7 @@ async def messages_of(way: str, model: str, trouble: str, folder: Path, router: 
 
 
 @pytest.mark.long
-@pytest.mark.exhaustive("what", sample=[(*CASES[0], model) for model in SOME_MODELS], full=WAYS_AND_MODELS)
+@pytest.mark.exhaustive("what", sample=in_turns(ONE_A_FAMILY), full=[*in_turns(SOME_MODELS), *SOME_IN_EVERY_WAY])
 async def test_slam_toolbox_takes_all_and_finds_the_walls(
     what: tuple[str, str, str], router: Router, tmp_path: Path
 ) -> None:

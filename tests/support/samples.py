@@ -14,6 +14,7 @@ MODELS = [model for family in FAMILIES for model in family.simulated]
 """Every simulated model."""
 SOME_MODELS = [model for about in ABOUT.values() for model in about.MODELS]
 """One of each kind: of motor, of format, of what a device tells of itself, with and without commands."""
+ONE_A_FAMILY = [about.MODELS[0] for about in ABOUT.values()]
 
 
 def is_quick(number: int) -> bool:
