@@ -5,7 +5,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, Self, TypeVar, cast
 
 import numpy as np
@@ -66,15 +65,23 @@ class MeasuredSamples:
             {name: value for name, value in vars(self).items() if name not in _MADE_ON_USE},
         )
 
-    @cached_property
+    # With `functools.cached_property` they would have no text in `help`, and in Python 3.11 a lock, which a process
+    # that is forked meanwhile would find taken for ever.
+    @property
     def angles(self) -> FloatArray:
         """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
-        return radians_of(self.device_angles)
+        kept = vars(self)
+        if "_angles" not in kept:
+            kept["_angles"] = radians_of(self.device_angles)
+        return cast("FloatArray", kept["_angles"])
 
-    @cached_property
+    @property
     def ranges(self) -> FloatArray:
         """Metres, float32; NaN where nothing came back."""
-        return metres_of(self.device_distances)
+        kept = vars(self)
+        if "_ranges" not in kept:
+            kept["_ranges"] = metres_of(self.device_distances)
+        return cast("FloatArray", kept["_ranges"])
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -86,27 +93,29 @@ class MeasuredSamples:
         """Mask of the samples that filters took out, shape (n,); none is `valid`."""
         return read_only(np.zeros(len(self), np.bool_)) if self._left_out is None else self._left_out
 
-    @cached_property
+    @property
     def times_ns(self) -> NDArray[np.int64]:
         """When each sample was measured, on the clock of `stamp_ns`; int64, shape (n,).
 
         Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
         that are missing are counted too, as far as the angles tell how many they are.
         """
-        rotor = self._follow_rotor() if cast("Any", self).lost_packets else None
-        if rotor is None:
-            offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
-        else:
-            offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
-        return read_only(offsets + self.stamp_ns)
+        kept = vars(self)
+        if "_times_ns" not in kept:
+            rotor = self._follow_rotor() if cast("Any", self).lost_packets else None
+            if rotor is None:
+                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
+            else:
+                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
+            kept["_times_ns"] = read_only(offsets + self.stamp_ns)
+        return cast("NDArray[np.int64]", kept["_times_ns"])
 
     def directions(self) -> tuple[FloatArray, FloatArray]:
         """Cosine and sine of `angles`, each float32, shape (n,)."""
-        return self._directions
-
-    @cached_property
-    def _directions(self) -> tuple[FloatArray, FloatArray]:
-        return read_only(np.cos(self.angles)), read_only(np.sin(self.angles))
+        kept = vars(self)
+        if "_directions" not in kept:
+            kept["_directions"] = read_only(np.cos(self.angles)), read_only(np.sin(self.angles))
+        return cast("tuple[FloatArray, FloatArray]", kept["_directions"])
 
     def xy(self) -> NDArray[np.float32]:
         """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
@@ -176,7 +185,7 @@ class MeasuredSamples:
         return made
 
 
-_MADE_ON_USE = ("angles", "ranges", "_directions")
+_MADE_ON_USE = ("_angles", "_ranges", "_directions")
 
 
 def _made_again(kind: type[_RecordT], values: dict[str, Any]) -> _RecordT:
@@ -214,7 +223,7 @@ def later(record: _RecordT, by_ns: int) -> _RecordT:
     return changed(record, stamp_ns=fields.stamp_ns + by_ns, wall_stamp_ns=fields.wall_stamp_ns + by_ns)
 
 
-_OF_TIME_AND_ANGLE = ("angles", "_directions", "_gaps", "times_ns", "_rotor")
+_OF_TIME_AND_ANGLE = ("_angles", "_directions", "_gaps", "_times_ns", "_rotor")
 
 
 def with_distances(

@@ -205,7 +205,7 @@ class Scan(MeasuredSamples):
             intensities=None if self.intensities is None else read_only(self.intensities[which]),
         )
         left_out = None if self._left_out is None else read_only(self._left_out[which])
-        vars(made).update(times_ns=read_only(self.times_ns[which]), _left_out=left_out)
+        vars(made).update(_times_ns=read_only(self.times_ns[which]), _left_out=left_out)
         return made
 
     def _in_time_order(self) -> Scan:

@@ -1,7 +1,9 @@
 """Scans in the hand: points, sorting, resampling, JSON; and the small records."""
 
+import inspect
 import json
 import math
+import pydoc
 from dataclasses import fields, replace
 from typing import Any
 
@@ -90,6 +92,13 @@ def test_radians_and_metres_are_made_once_of_the_devices_own_figures() -> None:
 
 
 # ---------------------------------------------------------------------------------------------------- records
+
+
+def test_help_tells_what_each_of_them_is() -> None:
+    shown = pydoc.plain(pydoc.render_doc(Scan))
+    for name in ("angles", "ranges", "valid", "left_out", "times_ns"):
+        told = str(inspect.getdoc(getattr(Scan, name)))
+        assert told.splitlines()[0] in shown, name
 
 
 def test_health() -> None:
