@@ -190,8 +190,11 @@ def test_streams_that_begin_and_end_in_damaged_chunks_are_told_apart(tmp_path: P
         assert len(found) >= len(right) - 20
         for scan in found:
             if scan.stamp_ns in right:
-                assert scan.mode == right[scan.stamp_ns].mode
-                np.testing.assert_array_equal(scan.device_distances, right[scan.stamp_ns].device_distances)
+                whole = right[scan.stamp_ns]
+                assert scan.mode == whole.mode
+                # Of a revolution that the damaged chunk cuts the beginning is delivered, unless a turn hides there.
+                assert scan.lost_packets or len(scan) == len(whole)
+                np.testing.assert_array_equal(scan.device_distances, whole.device_distances[: len(scan)])
         assert sum(scan.stamp_ns in right for scan in found) >= len(found) - 4
 
 
