@@ -79,6 +79,8 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         self._receiver: Receiver | None = None
         self._untold: DeviceLost | None = None
         self.is_closing: bool = False
+        # Whether its session was let go: timers and tasks that it has left behind write nothing any more.
+        self._is_abandoned = False
         self.is_live: bool = True
         self.length_s: float | None = None
         self.files: tuple[Path, ...] = ()
@@ -115,10 +117,10 @@ class Port(Guarded, WallClock, asyncio.Protocol):
     def write(self, data: bytes) -> None:
         """Hand bytes to the operating system, at once as far as it takes them.
 
-        Ignored on a dead port and in a forked child; never raises.
+        Ignored on a dead port, in a forked child, and behind `abandon`; never raises.
         """
         line = self._open_line()
-        if line is None:
+        if line is None or self._is_abandoned:
             return
         if self._guard is not None:
             self.tell_guard()
@@ -238,7 +240,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         line = self._open_line()
         if line is None:
             return
-        self.is_closing = True
+        self.is_closing = self._is_abandoned = True
         self.set_repeat(b"")  # as in `write`
         wait = min(listens_at - self.now() * 1e-9, LONGEST_WAIT_S)
         if wait > 0:

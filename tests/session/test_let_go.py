@@ -109,6 +109,24 @@ async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(r
     assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
 
 
+async def test_who_lets_it_go_has_the_last_word(rig: Rig) -> None:
+    """Timers had begun to stop the device. They were late, since the loop was blocked, and asked it behind STOP."""
+    loop = driven_loop()
+    with patch.object(time, "sleep", loop.block):
+        for after_ms in range(0, 200, 5):
+            lidar = await rig.open()
+            reading = asyncio.ensure_future(lidar.scan())
+            while not lidar.is_scanning:
+                await asyncio.sleep(0.001)
+            reading.cancel()
+            await asyncio.sleep(after_ms / 1000)
+            loop.block(0.1)
+            del lidar, reading
+            gc.collect()
+            await asyncio.sleep(2.0)
+            assert left_still(rig), after_ms
+
+
 @pytest.mark.parametrize(("stands_s", "gathers_s"), [(0.02, 0.0), (0.0, 0.004)], ids=["program", "adapter"])
 async def test_a_finalizer_waits_long_enough_behind_a_late_stop(
     rig: Rig, stands_s: float, gathers_s: float
