@@ -36,37 +36,40 @@ class Pace:
 
     def __init__(self, full_turn: int) -> None:
         self._full_turn = full_turn
-        self.points: list[_Point] = []  # what is remembered
+        self._points: list[_Point] = []
         self._turned = self._came = 0
-        # Whether the latest time was computed as if no packet were missing: the next one shall replace it.
-        self.is_doubted: bool = False
+        self._is_doubted = False
 
     def copy(self) -> Self:
         """An independent copy."""
         twin = copy_of(self)
-        twin.points = [*self.points]
+        twin._points = [*self._points]  # noqa: SLF001 - its own
         return twin
 
     def clear(self) -> None:
         """Forget all reads: the next packets do not follow them."""
-        self.points, self.is_doubted = [], False
+        self._points, self._is_doubted = [], False
+
+    def doubt_last(self) -> None:
+        """The latest time was computed as if no packet were missing: the next one shall replace it."""
+        self._is_doubted = bool(self._points)
 
     def add(self, spans: Sequence[int] | Ints, arrivals: Sequence[Arrival]) -> None:
         """Take the next packets: how far ahead of each the next one is, and when they came."""
         begin, turned = 0, self._turned
-        if self.is_doubted and self.points:
-            self.points.pop()
-        self.is_doubted = False
+        if self._is_doubted:
+            self._points.pop()
+        self._is_doubted = False
         for count, at_ns in arrivals:
             # Of packets with one time, only the last has just been measured.
-            if self.points and self.points[-1].at_ns == at_ns:
-                self.points.pop()
+            if self._points and self._points[-1].at_ns == at_ns:
+                self._points.pop()
             turned += int(np.add.reduce(spans[begin : count - 1]))
             begin = count - 1
-            self.points.append(_Point(at_ns, turned, self._came + count))
+            self._points.append(_Point(at_ns, turned, self._came + count))
         self._turned = turned + int(np.add.reduce(spans[begin:]))
         self._came += len(spans)
-        del self.points[:-REMEMBERED]
+        del self._points[:-REMEMBERED]
 
     def measured(self, packet_ns: float, arc: float = 0.0) -> tuple[float, float] | None:
         """How many packets the device has measured for each arc, in the first and in the second half of the time.
@@ -100,7 +103,7 @@ class Pace:
 
     def _halves(self, packet_ns: float) -> list[tuple[float, int, int]]:
         """In each half of the time: packets that were measured, how far the rotor turned, and packets that came."""
-        if not packet_ns or len(self.points) < 3:
+        if not packet_ns or len(self._points) < 3:
             return []
         points = self._without_outages()
         begin, end = points[0], points[-1]
@@ -117,13 +120,13 @@ class Pace:
         """
         steps = [
             _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
-            for before, after in pairwise(self.points)
+            for before, after in pairwise(self._points)
         ]
         each_ns = [step.at_ns / step.turned for step in steps if step.turned > 0]
         if not each_ns:
-            return self.points
+            return self._points
         turn_ns = median_low(each_ns) * self._full_turn
-        points = [self.points[0]]
+        points = [self._points[0]]
         for step in steps:
             last = points[-1]
             if abs(step.at_ns - turn_ns * step.turned / self._full_turn) > turn_ns / 2:
@@ -154,7 +157,7 @@ class PacedTurning(Turning):
         self._packet_ns, self._time_passes = self._samples * sample_ns, passes
 
     def doubt_time(self) -> None:
-        self._pace.is_doubted = True
+        self._pace.doubt_last()
 
     def _note_close(self, packets: int) -> None:
         """Count packets that are reported to follow each other."""

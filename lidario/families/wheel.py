@@ -113,7 +113,7 @@ class Wheel(PacedTurning):
             # A rotor that stands shows no arc: keep the last one.
             self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
             self._fits, self._fastest = True, float(longest)
-            if self._confirmed and (self._spans or self._pace.points):
+            if self._confirmed:
                 self._forget()
             return Arcs(spans, None, (total / len(spans) or self._arc) / self._samples, certain=True)
         self._remember(known.tolist(), arrivals)
@@ -135,7 +135,7 @@ class Wheel(PacedTurning):
             self._remember(spans.tolist(), arrivals)
             self._is_confirmed()
             self._note_close(len(spans))
-        elif self._spans or self._pace.points:
+        else:
             self._forget()
         return Arcs(spans, None, steps[-1], certain=True, steps=steps)
 

@@ -49,24 +49,23 @@ def build_scan(
         lost: Packets missing in it.
     """
     arrays, start_ns, spanned_ns, revolution_ns, reported_rpm, gaps = revolution
-    values: dict[str, object] = {
-        "device_angles": read_only(arrays.angle),
-        "device_distances": read_only(arrays.distance),
-        "intensities": None if arrays.intensity is None else read_only(arrays.intensity),
-        "stamp_ns": start_ns,
-        "wall_stamp_ns": wall_ns,
-        "time_increment_ns": round(sample_ns),
-        "duration_ns": round(spanned_ns),
-        "rpm": 60e9 / revolution_ns if revolution_ns else math.nan,
-        "seq": seq,
-        "dropped_before": 0,
-        "lost_packets": lost,
-        "mode": stream.mode.name,
-        "max_range": stream.mode.max_distance,
-        "seam": (stream.format.begin_deg + stream.zero_offset_deg) % 360.0,
-        "reported_rpm": reported_rpm,
-        "field_of_view": stream.format.field_deg,
-    }
-    if lost:
-        values["_gaps"] = gaps
-    return made_of(Scan, values)
+    return made_of(
+        Scan,
+        device_angles=read_only(arrays.angle),
+        device_distances=read_only(arrays.distance),
+        intensities=None if arrays.intensity is None else read_only(arrays.intensity),
+        stamp_ns=start_ns,
+        wall_stamp_ns=wall_ns,
+        time_increment_ns=round(sample_ns),
+        duration_ns=round(spanned_ns),
+        rpm=60e9 / revolution_ns if revolution_ns else math.nan,
+        seq=seq,
+        dropped_before=0,
+        lost_packets=lost,
+        mode=stream.mode.name,
+        max_range=stream.mode.max_distance,
+        seam=(stream.format.begin_deg + stream.zero_offset_deg) % 360.0,
+        reported_rpm=reported_rpm,
+        field_of_view=stream.format.field_deg,
+        _gaps=gaps if lost else None,
+    )

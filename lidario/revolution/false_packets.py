@@ -77,7 +77,7 @@ class FalsePackets:
         """
         if not self._mean or skips or self._waiting is not None:
             return None
-        # Whole numbers, as headings are: to compare these with fractions takes twice as long.
+        # Whole numbers, as headings are: Python compares these with fractions much more slowly.
         least, most = int(max(0.0, self._arc - self._slack)), int(self._mean + self._slack)
         full_turn, last, passing = self._full_turn, self._last, list[int]()
         if isinstance(headings, np.ndarray):
@@ -91,12 +91,13 @@ class FalsePackets:
                 return None
             passing, latest = back.tolist(), steps[-MEASURED:].tolist()
         else:
-            # Once a revolution, with cold caches, this loop takes a third of the time of `map`, `min` and `max`.
+            # Once a revolution, with cold caches, a loop is faster than `map`, `min` and `max`. Mostly a heading is
+            # ahead of the one before, and has no flag.
             begin, latest = len(headings) - MEASURED, list[int]()
             for at, heading in enumerate(headings):
                 advance = heading - last
                 if not least < advance <= most:
-                    heading &= HEADING_MASK  # mostly it has no flag
+                    heading &= HEADING_MASK
                     advance = (heading - last) % full_turn
                     if heading < last:
                         passing.append(at)

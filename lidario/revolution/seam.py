@@ -106,9 +106,7 @@ class Seam:
             found += [split for at, each in enumerate(headings, offset) if (split := self._step(at, int(each)))]
         elif isinstance(headings, np.ndarray):
             away = (headings - angle) % full_turn if angle else headings
-            falling = away[1:] < away[:-1]
-            fallen = (falling.nonzero()[0] + 1).tolist() if np.count_nonzero(falling) else ()
-            self._rise(headings, away, offset, fallen, found)
+            self._rise(headings, away, offset, ((away[1:] < away[:-1]).nonzero()[0] + 1).tolist(), found)
         else:
             few = [(heading - angle) % full_turn for heading in headings] if angle else headings
             # Sorting a sorted list is faster than a loop of comparisons.
@@ -130,10 +128,7 @@ class Seam:
                 self._last = int(away[end - 1])
                 if self._last >= self._near:
                     self._passed_unmarked = False
-                    middle = (begin + end) // 2
-                    if not self._armed and begin < middle and self._near <= away[middle] <= self._far:
-                        self._armed = True  # it was reached from there, so forwards
-                    elif not self._armed:
+                    if not self._armed:
                         beyond = max(begin + 1, bisect_left(away, self._near, begin, end))
                         self._armed = self._forward(int(away[beyond - 1]), int(away[beyond]))
             begin = end

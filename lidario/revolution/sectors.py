@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from lidario.families.base import Samples
-from lidario.measured import with_gaps
+from lidario.measured import made_of
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.clock import NOISE, Beginning
@@ -161,7 +161,8 @@ class SectorAssembler(Assembler):
             lost = max(0, here.lost - done.lost)
             stamp_ns, gaps = here.placed(done, start_ns)
             duration_ns = round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns)
-            sector = Sector(
+            sector = made_of(
+                Sector,
                 device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
                 device_distances=read_only(arrays.distance),
                 intensities=None if arrays.intensity is None else read_only(arrays.intensity),
@@ -178,9 +179,10 @@ class SectorAssembler(Assembler):
                 mode=mode.name,
                 max_range=mode.max_distance,
                 field_of_view=here.wire.field_deg,
+                _gaps=gaps if lost else None,
             )
             here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces), sector)
-            self._publish_sector(count, with_gaps(sector, gaps) if lost else sector)
+            self._publish_sector(count, sector)
 
     def _number(self, here: DividedRevolution, start_ns: int) -> int:
         """The number of the revolution; counts the revolutions that passed unseen before it."""

@@ -98,7 +98,7 @@ def test_it_knows_what_a_slow_way_tells(seed: int) -> None:
     pace.clear()
     assert pace.measured(300_000, 460.0) is None
     assert twin.measured(300_000, 460.0) == pytest.approx(measured(points, 300_000, 460.0))
-    doubted.is_doubted = True
+    doubted.doubt_last()
     latest = ([920, 460], [(2, points[-1][0] + 4_000_000)])
     doubted.add(*latest)
     points[-1:] = points_of([*calls, latest])[-1:]

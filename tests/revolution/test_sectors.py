@@ -9,6 +9,7 @@ from __future__ import annotations
 import random
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -79,6 +80,7 @@ def assert_sum(found: Divided, count: int, *, stamps_ns: float, may_end: bool = 
     names = [(sector.seq, sector.index) for sector in found.sectors[count]]
     assert names == sorted(set(names))
     for sector in found.sectors[count]:
+        assert {each.name for each in fields(Sector) if each.init} <= vars(sector).keys()
         by_seq[sector.seq].append(sector)
     assert by_seq
     seen = 0

@@ -154,18 +154,18 @@ class HqDecoder(ArcDecoder):
         after = None if following is None else following[FIRST_ANGLE] | following[FIRST_ANGLE + 1] << 8
         # Unsigned 16 bits hold exactly 360 degrees.
         way = (angles[:, -1] - angles[:, 0]).astype(np.int32)
-        return Heads(angles[:, 0].astype(np.int32), after, self.samples, way, (nodes, angles))
+        return Heads(angles[:, 0].astype(np.int32), after, self.samples, way, nodes)
 
     def _write(self, heads: Heads, arcs: Arcs, output: Output) -> None:  # noqa: ARG002 - nodes are not moved
-        nodes, angles = heads.read
-        np.multiply(angles, np.float32(360.0 / FULL_TURN_Q14), out=output.angle)
+        nodes = heads.read
+        np.multiply(nodes["angle"], np.float32(360.0 / FULL_TURN_Q14), out=output.angle)
         np.multiply(nodes["distance"], 0.25, out=output.distance, dtype=np.float32, casting="same_kind")
         output.intensity[...] = nodes["quality"]
 
     def _behind_seam(self, heads: Heads, arcs: Arcs, at: int, seam: int) -> int:  # noqa: ARG002
         """How many nodes of a packet lie behind the seam; all lie ahead of its first one."""
-        angles = heads.read[1][at]
-        left = FULL_TURN_Q14 - (int(heads.first[at]) - seam) % FULL_TURN_Q14
+        angles = heads.read["angle"][at]
+        left = FULL_TURN_Q14 - (int(angles[0]) - seam) % FULL_TURN_Q14
         # Unsigned 16 bits hold exactly 360 degrees: a node before the seam seems to be far behind it.
         beyond = angles - np.uint16(seam)
         return int(np.count_nonzero(beyond < FULL_TURN_Q14 // 2 - left))

@@ -80,7 +80,7 @@ def equal_sizes(data: bytes | bytearray, at: int, size: int) -> int:
 
 
 def packet_begins(blocks: Sequence[Block]) -> NDArray[np.intp]:
-    """The offset at which each packet begins; shape (packets,)."""
+    """The offset at which each packet begins, shape (packets,): as `packet_offsets`, without a number for each."""
     sizes = np.repeat([size for size, _ in blocks], [count for _, count in blocks])
     begins: NDArray[np.intp] = np.add.accumulate(sizes) - sizes
     return begins
