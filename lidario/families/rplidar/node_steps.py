@@ -17,7 +17,7 @@ if they are much more even.
 """
 
 from collections.abc import Sequence
-from statistics import median_high
+from statistics import fmean, median_high
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -172,36 +172,37 @@ class NodeSteps(PacedTurning):
     def _walk(self, spans: Ints, *, followed: bool) -> tuple[Steps, NDArray[np.intp]]:
         """The ordinary step at each node, and how many nodes are missing behind it."""
         rough = spans.astype(np.float64)
-        known = rough if followed else rough[:-1]
-        if not self._certain and len(known):
+        known = (spans if followed else spans[:-1]).tolist()
+        if not self._certain and known:
             self._learn_first(known)
         steps, longest = np.full((2, len(rough)), self._typical)
+        # Lists, since an array takes longer for each of so few.
+        chunks = [known[begin : begin + SEVERAL] for begin in range(0, len(known), SEVERAL)]
         # Without the last few steps, which may all be gaps.
-        whole = [part for part in _parts(known, SEVERAL) if len(part) >= CERTAIN_STEPS]
-        greatest = max([self._typical, *map(_short, whole)])
+        greatest = max([self._typical, *(_short(chunk) for chunk in chunks if len(chunk) >= CERTAIN_STEPS)])
         # Plus 2: steps are rounded, and those of a starting rotor grow by about one from one mean to the next.
         slack = CHANGE * greatest + 2
-        chunks = _parts(known, SEVERAL)
-        for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
-            before = self._typical
+        for number, chunk in enumerate(chunks):
+            before, here = self._typical, slice(number * SEVERAL, (number + 1) * SEVERAL)
             self._take(chunk, slack)
-            steps[begin : begin + SEVERAL] = self._typical
+            steps[here] = self._typical
             # If the rotor slows down that fast, the first steps of the chunk are still as long as those before it.
             is_slowing = before - self._typical > CHANGE * before
-            longest[begin : begin + SEVERAL] = before if is_slowing else self._typical
+            longest[here] = before if is_slowing else self._typical
         missing = _missing(rough, longest, slack / JITTER, _CORRECTED_TURNS * self._full_turn)
-        for begin, chunk in zip(range(0, len(known), SEVERAL), chunks, strict=True):
-            if np.abs(chunk).max() < steps[begin] / 2:
+        for number, chunk in enumerate(chunks):
+            begin = number * SEVERAL
+            if max(max(chunk), -min(chunk)) < steps[begin] / 2:
                 # The rotor all but stood: its own small steps count, for the revolution has that many more samples.
-                steps[begin : begin + SEVERAL] = chunk.mean()
+                steps[begin : begin + SEVERAL] = fmean(chunk)
         return steps, missing
 
-    def _take(self, spans: Steps, slack: float) -> None:
+    def _take(self, spans: list[int], slack: float) -> None:
         """Find the ordinary step of a few dozen steps, by the ordinary step before."""
-        near = spans[np.abs(spans - self._typical) <= max(self._typical / 2, slack)]
+        near = _near(spans, self._typical, max(self._typical / 2, slack))
         if len(near) >= CERTAIN_STEPS:
             # A rotor that stands shows no step: keep the last one.
-            self._typical, self._strange = float(near.mean()) or self._typical, 0
+            self._typical, self._strange = sum(near) / len(near) or self._typical, 0
             return
         middle, agreeing = _middle(spans)
         if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans):
@@ -210,10 +211,10 @@ class NodeSteps(PacedTurning):
         if self._strange >= STRANGE * SEVERAL and middle > 0:
             self._typical, self._strange = middle, 0
 
-    def _learn_first(self, spans: Steps) -> None:
+    def _learn_first(self, spans: list[int]) -> None:
         """Find the ordinary step while none is certain."""
         short = _short(spans)
-        ordinary = spans[np.abs(spans - short) <= abs(short) / 2]
+        ordinary = _near(spans, short, abs(short) / 2)
         self._typical, _ = _middle(ordinary)
         self._certain = len(ordinary) >= CERTAIN_STEPS and self._typical > 0
 
@@ -243,21 +244,24 @@ def _unevenness(spans: Ints) -> float:
     return float(np.abs(spans - np.median(spans)).sum())
 
 
-def _parts(spans: Steps, size: int) -> list[Steps]:
-    return [spans[begin : begin + size] for begin in range(0, len(spans), size)]
-
-
-def _short(spans: Steps) -> float:
+def _short(spans: list[int]) -> int:
     """One of the shorter steps. Gaps only lengthen steps, so the short ones are right."""
-    return float(np.sort(spans)[len(spans) // 4])
+    return sorted(spans)[len(spans) // 4]
 
 
-def _middle(spans: Steps) -> tuple[float, int]:
+def _near(spans: list[int], step: float, within: float) -> list[int]:
+    least, most = step - within, step + within
+    if least <= min(spans) and max(spans) <= most:  # as mostly; much faster than to look at each
+        return spans
+    return [span for span in spans if least <= span <= most]
+
+
+def _middle(spans: list[int]) -> tuple[float, int]:
     """The ordinary step among several, and how many agree with it."""
-    median = median_high(spans.tolist())
+    median = median_high(spans)
     # The mean of those near the median: a step of 7.2 units appears as 7 or 8, and the median as 7.
-    near = spans[np.abs(spans - median) <= abs(median) / 2]
-    return float(near.mean()), len(near)
+    near = _near(spans, median, abs(median) / 2)
+    return fmean(near), len(near)
 
 
 def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDArray[np.intp]:
