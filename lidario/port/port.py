@@ -162,7 +162,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
             line.set_dtr(asserted)
 
     def set_polling(self, schedule: Schedule | None) -> None:
-        """Poll the line instead of being woken for each delivery; a simulated device in memory ignores it.
+        """Poll the line instead of being woken for each delivery.
 
         The line is polled at `schedule.due`, and every `schedule.latency` seconds from then on. What was read
         before is held until then, and handed over by one call of `Receiver.data_received`; on a loop that is free

@@ -17,7 +17,7 @@ from weakref import WeakValueDictionary
 
 from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.registry import family_of_simulated
-from lidario.port.line import Line
+from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.sockets import open_tcp, open_udp
@@ -31,6 +31,8 @@ from lidario.source import Source, quoted
 T = TypeVar("T")
 TICK_S = 0.002
 """Shortest time between two deliveries of a device in memory."""
+_FILLED: Final = 0.7
+"""Share of a system's buffer that fills at most between two of them, as on a line of the system."""
 _SERVERS: Final = {"pty": PtyServer, "tcp": TcpServer, "udp": UdpServer}
 
 
@@ -161,6 +163,10 @@ def _failed(name: str, error: BaseException) -> DeviceLost:
     return lost
 
 
+def _nothing(_: int) -> None:
+    pass
+
+
 class MemoryTransport(Line):
     """Carries bytes between a port and a device on the clock of the loop."""
 
@@ -169,6 +175,7 @@ class MemoryTransport(Line):
         self._port = port
         self._line = line
         self._timer: asyncio.TimerHandle | None = None
+        self._schedule: Schedule | None = None
         # As `open_serial` does. The device remembers the speed of the line before.
         if port.baudrate:
             self.set_baudrate(port.baudrate)
@@ -197,12 +204,21 @@ class MemoryTransport(Line):
     def close_without_loop(self) -> None:
         self.is_closing: bool = True
 
+    def set_polling(self, schedule: Schedule | None) -> None:
+        self._schedule = schedule
+        self._of_device(_nothing)
+
+    def poll(self) -> None:
+        self._deliver()
+
     def _deliver(self) -> None:
         """The device may have something to send."""
         if self._port.is_forked:
             return
         if data := self._of_device(self._read):
             self._port.data_received(data)
+            # Only now the schedule knows when what comes next is needed.
+            self._of_device(_nothing)
 
     def _read(self, now: int) -> bytes:
         data = self._line.read(now)
@@ -212,7 +228,7 @@ class MemoryTransport(Line):
         return data
 
     def _of_device(self, does: Callable[[int], T]) -> T | None:
-        """What the device does now; then poll it when it next has something to send, but at most once a tick.
+        """What the device does now; then read it when it next has something to send, and that is needed.
 
         Where it fails, the line ends.
         """
@@ -228,8 +244,16 @@ class MemoryTransport(Line):
             self._timer.cancel()
             self._timer = None
         if due is not None and not (self.is_closing or self._loop.is_closed()):
-            self._timer = self._loop.call_at(max(due, now + round(TICK_S * 1e9)) * 1e-9, self._deliver)
+            self._timer = self._loop.call_at(max(due * 1e-9, self._next_poll(now * 1e-9)), self._deliver)
         return done
+
+    def _next_poll(self, now: float) -> float:
+        """When it is read at the earliest; where there is a schedule, as seldom as a line of the system."""
+        schedule = self._schedule
+        if schedule is None:
+            return now + TICK_S
+        full = now + _FILLED * schedule.buffer_s
+        return max(now + TICK_S, min(schedule.due, full) if schedule.due > now else now + schedule.latency)
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""

@@ -161,7 +161,7 @@ def test_a_damaged_chunk_takes_only_its_own_bytes_with_it(live: Live, tmp_path: 
     offset_ns = open_stored(live.path).about.clock_offset_ns
     begin, end = chunk.message_start_time - offset_ns, chunk.message_end_time - offset_ns
     assert after == {at_ns: data for at_ns, data in before.items() if not begin <= at_ns <= end}
-    assert len(after) > 1000
+    assert len(after) > 50
     # What is exported of it stands where it stood.
     export_mcap(FileDecoder(damaged), copy)
     assert pieces_of(copy) == after

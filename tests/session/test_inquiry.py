@@ -10,7 +10,7 @@ from lidario import DeviceFault, Lidar, StreamFailed
 from lidario.revolution.seam import Seam
 from lidario.session.streaming.failures import Failures
 from tests.support.cable import next_after
-from tests.support.devices import Rig, end_of, names, scanning, some
+from tests.support.devices import Rig, end_of, make_rig, names, scanning, some
 from tests.support.loop import driven_loop, now, now_ns
 
 CODE = 0x8001
@@ -226,6 +226,18 @@ async def test_noise_is_told_only_where_noise_is_what_arrives(rig: Rig, harm: st
         assert "noise" not in text
         assert "is it powered" in text
         rig.device.mute = False
+
+
+@pytest.mark.parametrize("model", ["rplidar-a1", "rplidar-a2"])
+@pytest.mark.exhaustive("boot_s", sample=[0.43, 0.5, 0.59], full=[at / 100 for at in range(40, 70)])
+async def test_what_a_device_prints_when_it_has_booted_is_no_noise(model: str, boot_s: float) -> None:
+    """It is silent until then. An A1 boots in 0.67 s, so that its text comes as the silence is judged."""
+    rig = make_rig(model)
+    rig.device.boot_s = boot_s
+    async with rig.read() as (lidar, stream):
+        rig.device.reboot(now_ns())
+        await next_after(stream, now())
+        assert lidar.stats.restarts == 1
 
 
 @pytest.mark.exhaustive("act", sample=["stop", "close", "leave", "ask", "cancel", "join"])

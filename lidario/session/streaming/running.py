@@ -40,10 +40,11 @@ NETWORK_SILENCE_S = 0.9
 REVOLUTIONS_MISSED = 3
 """Revolutions of the slowest kind that may fail to complete before a stream of packets counts as stuck."""
 NOISE_S = 0.15
-"""Noise is what arrives without being a packet in that last part of the silence; what came before it may be half a
-packet, or an interference that is over."""
+"""Noise is what arrives without being a packet in that last part of the silence, and for as long behind it. What
+came before may be half a packet, or an interference that is over; what does not go on, the text of a device that
+has booted."""
 NOISE_BYTES = 64
-"""Fewer are stray bytes. The slowest line carries ten times as many in that time."""
+"""Fewer in that time are stray bytes. The slowest line carries ten times as many."""
 LATE_KEEPALIVES = 2.5
 """Times the interval after which the thread writes a keepalive, since the loop has not."""
 _WATCH_MARGIN_S = 0.001
@@ -107,6 +108,7 @@ class Running:
             self._silence_s = max(self._silence_s, stream.slowest_turn_s)
         # When the last part of a silence began: bytes not understood so far, and packets that measure nothing.
         self._strange = self._records = 0
+        self._noisy = False  # whether bytes were not understood at the end of the silence
         self._watch_due = self._began
         self._note_damage()
 
@@ -220,12 +222,16 @@ class Running:
         # Records are understood, though nothing is measured: of a rotor that is too fast, for one.
         strange, records, stats = self._strange, self._records, self._dialogue.stats
         self._strange, self._records = stats.bytes_received - stats.record_bytes, stats.records
-        noise, sends = self._strange - strange >= NOISE_BYTES, self._records > records
+        was_noisy, noise, sends = self._noisy, self._strange - strange >= NOISE_BYTES, self._records > records
         # On a poor line many packets in a row may be damaged where each is a whole revolution.
         may_come = noise and self._stream.format.whole and turning < turns
+        self._noisy = noise and idle >= patience
         if now - self._watch_due > NOISE_S:
             # The program has blocked the loop. What the line holds may not be here yet, and what came before the
             # block says nothing of the time since.
+            self._watch_in(NOISE_S)
+        elif self._noisy and not was_noisy:
+            # Does it go on?
             self._watch_in(NOISE_S)
         elif idle >= patience and not may_come:
             what = f"no scan data for {idle:.1f} s{', though other packets arrive' * sends}"
