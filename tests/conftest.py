@@ -42,6 +42,8 @@ ORDER = pytest.StashKey[dict[Path, int]]()
 """Of the files and folders of the tests, in a worker that has begun to collect elsewhere."""
 LONG = {"rounds", "soak"}
 """Fixtures of tests that take as long as they are told to."""
+COVERED = [FOLDER / name for name in ("benchmarks", "families", "properties", "revolution", "session")]
+"""Folders whose long tests run hardly a line that no quick test runs."""
 FIRST = ("exhaustive", "long")
 """Markers of tests that are begun first."""
 MEASURED = pytest.StashKey[bool]()
@@ -197,7 +199,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.obj = leaves_no_task(item.obj)
         test = item.nodeid.partition("[")[0]
         is_longer = any("full" in mark.kwargs for mark in item.iter_markers("exhaustive"))
-        repeats = PROPERTIES in item.path.parents or is_longer
+        is_covered = bool(item.get_closest_marker("long")) and any(map(item.path.is_relative_to, COVERED))
+        repeats = is_covered or PROPERTIES in item.path.parents or is_longer
         item.stash[MEASURED] = bool(every_case) or not (repeats or test in seen)
         seen.add(test)
     # The longest first: at the end, every worker still finds something to do.

@@ -1,7 +1,7 @@
 """Revolutions that are missing: `seq` jumps by them, lost packets are told, the speed is right or unknown."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cache
 from itertools import accumulate, pairwise
 
@@ -38,14 +38,19 @@ def assembled_from(name: str, packets: Iterable[tuple[bytes, float]]) -> tuple[l
     """The scans of packets that arrive one by one, or 20 of the shortest together."""
     kind = STEADY[name]
     assembler, wire = Assembler(kind.stream()), kind.make_format()
-    scans: list[Scan] = []
+    scans = [scan for data, at_ns in reads_of(packets) for scan in assembler.add(in_one_run(wire, data, at_ns))]
+    return scans, assembler.stats
+
+
+def reads_of(packets: Iterable[tuple[bytes, float]]) -> Iterator[tuple[bytes, int]]:
+    """What is read at a time, and when: one packet, or 20 of the shortest."""
     several, last_ns = b"", 0.0
     for packet, at_ns in packets:
         if several and (len(several) >= 100 or at_ns - last_ns > 5e6):
-            scans += assembler.add(in_one_run(wire, several, round(last_ns)))
+            yield several, round(last_ns)
             several = b""
         several, last_ns = several + packet, at_ns
-    return scans + assembler.add(in_one_run(wire, several, round(last_ns))), assembler.stats
+    yield several, round(last_ns)
 
 
 @cache
@@ -135,12 +140,10 @@ def test_an_outage_that_is_read_late_leaves_no_scan_of_two_revolutions(name: str
     each = len(packets) / 2.5 / hertz(name)
     blocked, lost, back, free = (round(turns * each) for turns in (3.5, 6.4, 11.6, 13.7))
     assembler, wire, scans = Assembler(kind.stream()), kind.make_format(), list[Scan]()
-    for packet, at_ns in packets[:blocked]:
-        scans += assembler.add(in_one_run(wire, packet, at_ns))
     kept = b"".join(packet for packet, _ in [*packets[blocked:lost], *packets[back:free]])
-    scans += assembler.add(in_one_run(wire, kept, packets[free - 1][1]))
-    for packet, at_ns in packets[free:]:
-        scans += assembler.add(in_one_run(wire, packet, at_ns))
+    reads = [*reads_of(packets[:blocked]), (kept, packets[free - 1][1]), *reads_of(packets[free:])]
+    for data, at_ns in reads:
+        scans += assembler.add(in_one_run(wire, data, at_ns))
     assert assembler.stats.lost_packets == pytest.approx(back - lost, abs=3 + 0.01 * (back - lost))
     # Of the one that went on behind the outage the beginning is missing.
     whole = max(map(len, scans))

@@ -113,7 +113,7 @@ async def test_who_lets_it_go_has_the_last_word(rig: Rig) -> None:
     """Timers had begun to stop the device. They were late, since the loop was blocked, and asked it behind STOP."""
     loop = driven_loop()
     with patch.object(time, "sleep", loop.block):
-        for after_ms in range(0, 200, 5):
+        for after_ms in range(5, 100, 10):
             lidar = await rig.open()
             reading = asyncio.ensure_future(lidar.scan())
             while not lidar.is_scanning:
