@@ -23,22 +23,25 @@ FUZZ_S ?= 600
 .PHONY: demo test check lint covered docs bench faults soak fuzz floods package arm64 s390x release clean
 .DEFAULT_GOAL := demo
 
-# What the command needs is a fifth of what the tests need, and the checks need half as much again.
-$(RUNS): pyproject.toml
-	@echo "Setting up $(VENV) for the command. Half a minute, the first time only."
+# What the command needs is a fifth of what the tests need, and the checks need half as much again. Each set holds the
+# one before, so that a new environment is made in one go.
+define set_up
+	@echo "Setting up $(VENV) for $(1), the first time only."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[cli]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(2)]'
+endef
+
+$(RUNS): pyproject.toml
+	$(call set_up,the command: half a minute,cli)
 	@touch $(RUNS)
 
-$(TESTED): $(RUNS)
-	@echo "Adding what the tests need. A minute, the first time only."
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
-	@touch $(TESTED)
+$(TESTED): pyproject.toml
+	$(call set_up,the tests: a minute,test)
+	@touch $(RUNS) $(TESTED)
 
-$(READY): $(TESTED)
-	@echo "Adding what the checks need. Half a minute, the first time only."
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	@touch $(READY)
+$(READY): pyproject.toml
+	$(call set_up,the checks: a minute and a half,dev)
+	@touch $(RUNS) $(TESTED) $(READY)
 
 demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseudo-terminal
 	$(BIN)/lidario info sim://rplidar-s2
@@ -59,7 +62,7 @@ lint: $(READY)  ## lint, format, types, workflows
 	$(PYRIGHT) --verifytypes lidario --ignoreexternal
 	$(BIN)/zizmor --offline --quiet --pedantic .
 
-covered: $(TESTED)
+covered: $(READY)
 	$(BIN)/python -m pytest -n $(CHECK_WORKERS) $(TESTS) --cov --cov-report=term-missing:skip-covered
 
 docs: $(READY)  ## the documentation, in .site/; any warning is an error
