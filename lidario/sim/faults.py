@@ -133,7 +133,7 @@ class Faults:
             self._under_way.clear()
             self._babble_until(now)
             return b""
-        data = _mixed(self._damaged(data), self._babble_until(now))
+        data = self._babble_until(now) + self._damaged(data)
         if self.stall_s:
             data = self._stalled(data, now)
         if self.late_s:
@@ -243,14 +243,6 @@ class Faults:
         count = min(self._burst_left, len(data) - at)
         self._burst_left -= count
         return _random(self._detail, count)
-
-
-def _mixed(data: bytes, noise: bytes) -> bytes:
-    """Bytes with noise evenly between them, since it came while they did, however seldom they are read."""
-    if not noise:
-        return data
-    places = np.arange(1, len(noise) + 1) * len(data) // (len(noise) + 1)
-    return np.insert(np.frombuffer(data, np.uint8), places, np.frombuffer(noise, np.uint8)).tobytes()
 
 
 def _random(source: np.random.Generator, count: int) -> bytes:

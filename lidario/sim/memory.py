@@ -4,8 +4,13 @@ Here the two kinds of faults meet: device faults happen at their time, between t
 faults change the bytes on their way to the host.
 """
 
+from typing import Final
+
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
+
+STEP_NS: Final = 2_000_000
+"""As often noise is added to what comes."""
 
 
 class MemoryLine:
@@ -20,6 +25,7 @@ class MemoryLine:
         self._faults = Faults() if faults is None else faults
         self._left = bytearray()  # left the device before a device fault and was not read yet
         self._cable: int | None = None
+        self._read_ns: int | None = None  # when it was read last
         self._faults.check(device)
 
     def write(self, data: bytes, now: int) -> None:
@@ -39,6 +45,13 @@ class MemoryLine:
 
     def read(self, now: int) -> bytes:
         """What has arrived at the host since the last call."""
+        begin, self._read_ns = self._read_ns, now
+        if not self._faults.babble or begin is None:
+            return self._read(now)
+        # Noise comes between the bytes of the device, however seldom they are read.
+        return b"".join([self._read(at) for at in (*range(begin + STEP_NS, now, STEP_NS), now)])
+
+    def _read(self, now: int) -> bytes:
         self._let_faults_happen(now)
         data = bytes(self._left) + self.device.transmit(now)
         self._left.clear()

@@ -139,8 +139,7 @@ def test_babble_comes_from_a_silent_device() -> None:
     assert faults.apply(b"", 101 * SECOND) == b""
     got = faults.apply(b"abc", 102 * SECOND)
     assert len(got) == 1003
-    # Evenly between them.
-    assert got[333:334] + got[668:669] + got[-1:] == b"abc"
+    assert got.endswith(b"abc")
     assert faults.wakeup(102 * SECOND) == 102 * SECOND + SECOND // 1000
 
 
