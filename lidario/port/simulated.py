@@ -3,7 +3,8 @@
 There are four ways to it. ``via=pty`` (the default on Linux) is the whole path of a real device, through the kernel
 and pyserial-asyncio; ``via=tcp`` is the same through a socket, ``via=udp`` (the default of Ethernet models) by
 datagrams. ``via=memory`` hands the bytes over inside the event loop, on the loop's own clock, so that a test that
-drives the loop's time drives the device with it.
+drives the loop's time drives the device with it. While a stream runs it is read as seldom as a line of the system:
+bytes that come together show defects that bytes one by one do not.
 
 An exception raised inside a simulated device, by a mistake in a user's world for instance, ends the line. It is the
 cause of the `DeviceLost` that the receiver is told.

@@ -95,6 +95,21 @@ async def test_a_device_in_memory_is_polled_once_in_2_ms_at_most() -> None:
 
 
 @driven
+async def test_while_a_stream_runs_it_is_read_as_seldom_as_a_line_of_the_system() -> None:
+    """When a revolution is complete, and before 4 KiB would have come."""
+    rig, reads = make_rig("rplidar-s2"), list[int]()
+    async with rig.read() as (lidar, stream):
+        for _ in range(3):
+            await anext(stream)
+        lidar.tap(lambda _, data, now: reads.append(len(data)))
+        scans = [await anext(stream) for _ in range(10)]
+    assert [scan.lost_packets for scan in scans] == [0] * 10
+    # Of 6.7 kB a revolution. Each 2 ms there were fifty.
+    assert 10 <= len(reads) <= 45
+    assert max(reads) <= 4096
+
+
+@driven
 async def test_a_device_that_fails_at_stop_is_told_although_the_port_is_being_closed() -> None:
     port, sink = connect_in_memory(Broken("receive")), Sink()
     port.attach(sink)
