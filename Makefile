@@ -28,19 +28,19 @@ FUZZ_S ?= 600
 define set_up
 	@echo "Setting up $(VENV) for $(1), the first time only."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(2)]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable $(2)
 endef
 
 $(RUNS): pyproject.toml
-	$(call set_up,the command: half a minute,cli)
+	$(call set_up,the command: half a minute,'.[cli]')
 	@touch $(RUNS)
 
 $(TESTED): pyproject.toml
-	$(call set_up,the tests: a minute,test)
+	$(call set_up,the tests: a minute,'.[test]')
 	@touch $(RUNS) $(TESTED)
 
 $(READY): pyproject.toml
-	$(call set_up,the checks: a minute and a half,dev)
+	$(call set_up,the checks: a minute and a half,'.[dev]')
 	@touch $(RUNS) $(TESTED) $(READY)
 
 demo: $(RUNS)  ## live scans of a simulated lidar, as bytes through a real pseudo-terminal
