@@ -279,11 +279,16 @@ def _missing(spans: Steps, steps: Steps, least: float, corrected: float) -> NDAr
     missing[1:][falls[:-1]] = 0
     missing[:-1][falls[1:]] = 0
     # If headings leap ahead and soon fall back, only the difference is missing.
-    for fall in np.flatnonzero(spans < -2 * moved).tolist():
-        before = np.flatnonzero(missing[max(0, fall - FALSE_NODES) : fall] > 0)
-        if len(before):
-            leap = max(0, fall - FALSE_NODES) + int(before[-1])
-            missing[leap] += round(float(times[fall]))
+    back = np.flatnonzero(spans < -2 * moved)
+    coming, open_leaps = np.flatnonzero(missing > 0)[::-1].tolist(), list[int]()
+    # It calls nothing where no leap comes: where angles run backwards, each node of the longest revolution falls.
+    for fall, by in zip(back.tolist(), times[back].tolist(), strict=True):
+        while coming and coming[-1] < fall:
+            open_leaps.append(coming.pop())
+        while open_leaps and missing[open_leaps[-1]] <= 0:
+            open_leaps.pop()
+        if open_leaps and open_leaps[-1] >= fall - FALSE_NODES:
+            missing[open_leaps[-1]] += round(by)
     missing = np.maximum(missing, 0)
     # The same holds at any distance for a fall that a correction may explain. A step of 0 does not count: it may be
     # a doubled node. The larger a gap is, the more likely it is real, so the smaller ones are reduced first.

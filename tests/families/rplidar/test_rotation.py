@@ -1,5 +1,6 @@
 """How far the rotor turned in each packet, and what is missing between two."""
 
+import sys
 from collections.abc import Callable
 from itertools import accumulate
 
@@ -49,6 +50,24 @@ def steps_of(*steps: int) -> Heads:
     """Nodes so far apart, and one behind them."""
     *angles, following = accumulate(steps, initial=0)
     return heads(headings(*angles), following % TURN)
+
+
+def test_where_angles_run_backwards_a_node_costs_less_than_a_call() -> None:
+    """In the longest revolution 64 thousand fall back, and the event loop stood still for half a second."""
+    rotation, called = NodeSteps(TURN), 0
+
+    def count(frame: object, event: str, argument: object) -> None:
+        nonlocal called
+        called += event in ("call", "c_call")
+
+    rotation.follow(nodes_of(7))
+    nodes = steps_of(*[-20] * 3000)
+    sys.setprofile(count)
+    try:
+        rotation.follow(nodes)
+    finally:
+        sys.setprofile(None)
+    assert called < 3000
 
 
 @pytest.mark.parametrize("timed", [True, False])
