@@ -34,7 +34,7 @@ _TIMER_S = 0.001
 _POLL_S = 0.002
 """Time between two polls where each delivery matters and the event loop cannot wait for it; Windows may make 16 ms
 of it."""
-_ALONE_SHARE = 0.7
+ALONE_SHARE = 0.7
 """Share of the system's buffer that may fill between two polls where no thread helps."""
 
 
@@ -165,7 +165,7 @@ class PolledLine(Line):
                 self._watched.buffer_s = schedule.buffer_s
                 reading_thread().put_off()
             else:
-                pause = min(pause, _ALONE_SHARE * schedule.buffer_s)
+                pause = min(pause, ALONE_SHARE * schedule.buffer_s)
             if pause <= 0:
                 pause = max(schedule.latency - _TIMER_S, schedule.latency / 2)
         if pause <= 0 and self._handle < 0:

@@ -20,20 +20,18 @@ from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.registry import family_of_simulated
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
+from lidario.port.reading import ALONE_SHARE
 from lidario.port.serial import open_serial
 from lidario.port.sockets import open_tcp, open_udp
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
+from lidario.sim.memory import TICK_S
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual_way
 from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 
 T = TypeVar("T")
-TICK_S = 0.002
-"""Shortest time between two deliveries of a device in memory."""
-_FILLED: Final = 0.7
-"""Share of a system's buffer that fills at most between two of them, as on a line of the system."""
 _SERVERS: Final = {"pty": PtyServer, "tcp": TcpServer, "udp": UdpServer}
 
 
@@ -164,10 +162,6 @@ def _failed(name: str, error: BaseException) -> DeviceLost:
     return lost
 
 
-def _nothing(_: int) -> None:
-    pass
-
-
 class MemoryTransport(Line):
     """Carries bytes between a port and a device on the clock of the loop."""
 
@@ -188,13 +182,13 @@ class MemoryTransport(Line):
         return not self.is_closing and not self._loop.is_closed()
 
     def write(self, data: bytes) -> None:
-        self._of_device(lambda now: self._line.write(data, now))
+        self._tell(lambda now: self._line.write(data, now))
 
     def set_baudrate(self, baudrate: int) -> None:
-        self._of_device(lambda now: self._line.set_baudrate(baudrate, now))
+        self._tell(lambda now: self._line.set_baudrate(baudrate, now))
 
     def set_dtr(self, asserted: bool) -> None:
-        self._of_device(lambda now: self._line.set_dtr(asserted, now))
+        self._tell(lambda now: self._line.set_dtr(asserted, now))
 
     def close(self) -> None:
         self.end(None)
@@ -207,19 +201,26 @@ class MemoryTransport(Line):
 
     def set_polling(self, schedule: Schedule | None) -> None:
         self._schedule = schedule
-        self._of_device(_nothing)
+        self._wait()
 
     def poll(self) -> None:
         self._deliver()
 
+    def _tell(self, does: Callable[[int], None]) -> None:
+        """Something reaches the device, which may have something to send then."""
+        self._of_device(does)
+        self._wait()
+
     def _deliver(self) -> None:
-        """The device may have something to send."""
+        """Hand over what the device has sent."""
         if self._port.is_forked:
             return
-        if data := self._of_device(self._read):
-            self._port.data_received(data)
+        try:
+            if data := self._of_device(self._read):
+                self._port.data_received(data)
+        finally:
             # Only now the schedule knows when what comes next is needed.
-            self._of_device(_nothing)
+            self._wait()
 
     def _read(self, now: int) -> bytes:
         data = self._line.read(now)
@@ -229,32 +230,29 @@ class MemoryTransport(Line):
         return data
 
     def _of_device(self, does: Callable[[int], T]) -> T | None:
-        """What the device does now; then read it when it next has something to send, and that is needed.
-
-        Where it fails, the line ends.
-        """
+        """What the device does now; where it fails, the line ends."""
         if self.is_closing:
             return None
-        now = self._port.now()
         try:
-            done, due = does(now), self._line.wakeup(now)
+            return does(self._port.now())
         except Exception as error:
             self.end(_failed(self._port.name, error))
             return None
+
+    def _wait(self) -> None:
+        """Read the device when it next has something to send that is needed, and at most once a tick."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if due is not None and not (self.is_closing or self._loop.is_closed()):
-            self._timer = self._loop.call_at(max(due * 1e-9, self._next_poll(now * 1e-9)), self._deliver)
-        return done
-
-    def _next_poll(self, now: float) -> float:
-        """When it is read at the earliest; where there is a schedule, as seldom as a line of the system."""
-        schedule = self._schedule
-        if schedule is None:
-            return now + TICK_S
-        full = now + _FILLED * schedule.buffer_s
-        return max(now + TICK_S, min(schedule.due, full) if schedule.due > now else now + schedule.latency)
+        due_ns = self._of_device(self._line.wakeup)
+        if due_ns is None or self.is_closing or self._loop.is_closed():
+            return
+        now, pause = self._port.now() * 1e-9, TICK_S
+        if (schedule := self._schedule) is not None:
+            # As seldom as a line of the system is read.
+            until = min(schedule.due - now, ALONE_SHARE * schedule.buffer_s)
+            pause = max(pause, until if until > 0 else schedule.latency)
+        self._timer = self._loop.call_at(max(due_ns * 1e-9, now + pause), self._deliver)
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""

@@ -9,8 +9,8 @@ from typing import Final
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
 
-STEP_NS: Final = 2_000_000
-"""As often noise is added to what comes."""
+TICK_S: Final = 0.002
+"""Time between two readings of a device that sends."""
 
 
 class MemoryLine:
@@ -49,7 +49,8 @@ class MemoryLine:
         if not self._faults.babble or begin is None:
             return self._read(now)
         # Noise comes between the bytes of the device, however seldom they are read.
-        return b"".join([self._read(at) for at in (*range(begin + STEP_NS, now, STEP_NS), now)])
+        tick_ns = round(TICK_S * 1e9)
+        return b"".join([self._read(at) for at in (*range(begin + tick_ns, now, tick_ns), now)])
 
     def _read(self, now: int) -> bytes:
         self._let_faults_happen(now)

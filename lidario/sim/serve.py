@@ -11,8 +11,8 @@ import sys
 
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
-from lidario.sim.memory import MemoryLine
-from lidario.sim.server import READ, TICK_S, Server
+from lidario.sim.memory import TICK_S, MemoryLine
+from lidario.sim.server import READ, Server
 
 __all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer", "usual_way"]
 

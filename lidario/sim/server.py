@@ -14,9 +14,8 @@ from typing import Self
 
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
-from lidario.sim.memory import MemoryLine
+from lidario.sim.memory import TICK_S, MemoryLine
 
-TICK_S = 0.002  # time between two polls of a device that is sending
 _IDLE_S = 0.05  # how long the thread sleeps at most, so that an unplug that is due is noticed
 READ = 4096
 """Most bytes read from the client at once."""

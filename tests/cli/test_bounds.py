@@ -47,8 +47,6 @@ def test_no_verb_takes_longer_than_the_table_says(
     row: tuple[str, str, str], number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: object
 ) -> None:
     monkeypatch.chdir(str(tmp_path))
-    # Minutes of packets in fewer deliveries: no bound is as short.
-    monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.02)
     # What the thread that writes a recording needs must take no time of the driven clock.
     monkeypatch.setattr("lidario.recording.record.POLL_S", 0.0)
     taken = {}

@@ -19,12 +19,6 @@ LIMIT_S = 3.0
 """The device's patience (4ROS development manual, power-down protection)."""
 
 
-@pytest.fixture(autouse=True)
-def coarse_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Minutes of bytes in fewer, larger deliveries: here nothing depends on when a packet comes."""
-    monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.05)
-
-
 def pauses(rig: Rig) -> list[float]:
     """Seconds between the scan requests the device has heard."""
     heard = [each.at_ns for each in rig.device.log if each.data == b"\xa5\x60"]
@@ -44,8 +38,7 @@ async def scan_for(lidar: Lidar, seconds: float) -> int:
 
 @pytest.mark.long
 @pytest.mark.exhaustive("minutes", sample=[2], full=[10])
-async def test_many_minutes_with_protection_on(ydlidar: Rig, minutes: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.port.simulated.TICK_S", 0.1)
+async def test_many_minutes_with_protection_on(ydlidar: Rig, minutes: int) -> None:
     seconds = minutes * MINUTE_S
     async with ydlidar.open() as lidar:
         assert await lidar.set_power_down_protection(True) is True

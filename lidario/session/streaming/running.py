@@ -231,7 +231,7 @@ class Running:
             # block says nothing of the time since.
             self._watch_in(NOISE_S)
         elif self._noisy and not was_noisy:
-            # Does it go on?
+            # Noise goes on; the text of a device that has booted does not.
             self._watch_in(NOISE_S)
         elif idle >= patience and not may_come:
             what = f"no scan data for {idle:.1f} s{', though other packets arrive' * sends}"

@@ -53,7 +53,7 @@ def steps_of(*steps: int) -> Heads:
 
 
 def test_where_angles_run_backwards_a_node_costs_less_than_a_call() -> None:
-    """In the longest revolution 64 thousand fall back, and the event loop stood still for 0.4 s."""
+    """In a revolution that never ends thousands fall back, and the event loop stood still meanwhile."""
     rotation, called = NodeSteps(TURN), 0
 
     def count(frame: object, event: str, argument: object) -> None:
