@@ -107,6 +107,7 @@ class SyncLidar(Closing):
     can_be_stopped: Final[bool] = _told(Lidar.can_be_stopped)
     baudrate: Final[int] = _told(Lidar.baudrate)
     length_s: Final[float | None] = _told(Lidar.length_s)
+    reached_s: Final[float | None] = _told(Lidar.reached_s)
     mode: Final[ScanMode | None] = _told(Lidar.mode)
     measured_scan_frequency: Final[float | None] = _told(Lidar.measured_scan_frequency)
 

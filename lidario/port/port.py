@@ -96,6 +96,11 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         """Whether bytes can still be written."""
         return self._open_line() is not None
 
+    @property
+    def reached_s(self) -> float | None:
+        """As `Lidar.reached_s`."""
+        return None
+
     def follow(self, audience: Any) -> None:
         """Name the session to which a recording is played; a live device does not care."""
 

@@ -52,6 +52,7 @@ class ReplayPort(FedPort):
         self._number = 0 if first is None else first.stream
         self._timer: asyncio.TimerHandle | asyncio.Handle | None = None
         self._played_ns = 0
+        self._reached_ns = 0 if first is None else first.at_ns  # as the file says it, also when it is played again
         self._shift_ns = 0
         self._last_ns = 0
         self._offset_deg = 0.0
@@ -69,6 +70,11 @@ class ReplayPort(FedPort):
     def wall_offset_ns(self) -> int:
         """That of the recorded stream."""
         return self.stream.began.wall_offset_ns
+
+    @property
+    def reached_s(self) -> float | None:
+        """As `Lidar.reached_s`."""
+        return None if self.length_s is None else max(0, self._reached_ns - self._recording.began_ns) * 1e-9
 
     def now(self) -> int:
         """The time that has been reached in the recording."""
@@ -131,6 +137,7 @@ class ReplayPort(FedPort):
             elif self.audience is not None and not self.audience.is_waiting:
                 return
             self._player.take(piece)
+            self._reached_ns = piece.at_ns
             # Time never goes back, whatever a file says.
             self._last_ns = max(self._last_ns, piece.at_ns + self._shift_ns)
             if piece.zero_offset_deg != self._offset_deg:
@@ -191,8 +198,7 @@ def pieces_from(recording: StoredStreams, begin_s: float) -> Iterator[Piece]:
     if not recording.timed:
         raise RecordingError(f"{recording.path} tells no times: it is played from its beginning, without from=")
     pieces = recording.pieces()
-    first = next(pieces, None)
-    begin_ns = 0 if first is None else first.at_ns + round(begin_s * 1e9)
+    begin_ns = recording.began_ns + round(begin_s * 1e9)
     following = next((piece for piece in pieces if piece.at_ns >= begin_ns), None)
     if following is None:
         raise RecordingError(

@@ -113,7 +113,9 @@ class StoredStreams(ABC):
         # What of the file is missing or was changed, as far as that can be told; empty where nothing is.
         self.damage: str = ""
         self.size: int = 0  # bytes of the file
-        self.duration_ns: int = 0  # time from the first byte of the first stream to the last byte
+        # When the first byte of the first stream was read, on the clock of the pieces, and the time to the last.
+        self.began_ns: int = 0
+        self.duration_ns: int = 0
         # How long the device was away, each time that it was lost and the recording went on.
         self.away_ns: tuple[int, ...] = ()
 
@@ -189,8 +191,6 @@ def is_mcap(path: Path) -> bool:
 class McapRecording(StoredStreams):
     """A recording that `Lidar.record` made: a file, or the files that a pattern names, in the order of their times.
 
-    `began_ns` is when the first byte of a stream was read.
-
     Raises:
         RecordingError: It is none, or no stream can be read of it; the text says why.
     """
@@ -225,7 +225,7 @@ class McapRecording(StoredStreams):
         self.size: int = self._files.size
         if first is not None and last is not None:
             self.duration_ns: int = max(0, last - first)
-        self.began_ns: int = (first or 0) - about.clock_offset_ns
+        self.began_ns = (first or 0) - about.clock_offset_ns
         if not about.info.family:
             raise RecordingError(f"{path} is of a device that responds in no known way: nothing is decoded")
         try:

@@ -120,6 +120,14 @@ class Lidar(Streams, AsyncOnly, Held):
         return self._at.dialogue.port.length_s
 
     @property
+    def reached_s(self) -> float | None:
+        """Seconds of the recording that have been played, also before a place that it was opened at (``from=``).
+
+        In a loop it begins anew. None where `length_s` is.
+        """
+        return self._at.dialogue.port.reached_s
+
+    @property
     def measured_scan_frequency(self) -> float | None:
         """Measured revolutions a second, from the latest scan; None before the first."""
         latest = self._scanner.hub.latest

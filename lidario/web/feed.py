@@ -77,15 +77,14 @@ class Feed:
         self.on_change: Callable[[Feed], object] = lambda _: None
         # Seconds that a recording lasts; None of a lidar, and before it was opened.
         self.length_s: float | None = None
+        self.reached_s: float = 0.0  # seconds of it that have been played, with the latest scan
         options = dict(parse_qsl(source.partition("?")[2]))
         self.rate: float = _number(options.get("rate"), 1.0)
         # Records it; None where it may not be recorded, as a recording.
         self.keeper: Keeper | None = None if folder is None else Keeper(folder, lambda: self.on_change(self))
         self._stays = stays
         self._attempts = 0
-        # Where the recording is played from, and the stamp of the first scan from there.
-        self._begin_s = _number(options.get("from"), 0.0)
-        self._first_ns: int | None = None
+        self._begin_s = _number(options.get("from"), 0.0)  # where the recording is played from
         self._moved = asyncio.Event()
 
     @property
@@ -97,15 +96,6 @@ class Feed:
     def place(self) -> lidario.Mount:
         """Where it is on the robot: as the caller says, else as its settings say."""
         return self._mount or self.config.mount or lidario.Mount()
-
-    @property
-    def reached_s(self) -> float:
-        """Seconds of the recording that have been played."""
-        if self.latest is None or self._first_ns is None:
-            return self._begin_s
-        reached = self._begin_s + (self.latest.stamp_ns - self._first_ns) * 1e-9
-        # One that is played again and again counts on.
-        return reached % self.length_s if self.length_s else reached
 
     def play_from(self, seconds: float, rate: float) -> None:
         """Play the recording on from that place, so many times as fast; anything else takes no notice."""
@@ -158,7 +148,7 @@ class Feed:
         async with opening as lidar, lidar.scans(self.mode) as scans:
             self.config = config.of(lidar.info.serial)
             self.saved = self.config.filters
-            self.info, self.length_s, self._first_ns = lidar.info, lidar.length_s, None
+            self.info, self.length_s = lidar.info, lidar.length_s
             if self.length_s is not None:
                 self.keeper = None
             before, since = lidar.stats, loop.time()
@@ -168,7 +158,7 @@ class Feed:
             try:
                 async for scan in scans:
                     self.latest = scan.filtered(*self.filters)
-                    self._first_ns = scan.stamp_ns if self._first_ns is None else self._first_ns
+                    self.reached_s = lidar.reached_s or 0.0
                     self.scans += 1
                     self._attempts = 0
                     if self.state != "scanning":
