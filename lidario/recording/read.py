@@ -225,7 +225,7 @@ class McapRecording(StoredStreams):
         self.size: int = self._files.size
         if first is not None and last is not None:
             self.duration_ns: int = max(0, last - first)
-        self.began_ns = (first or 0) - about.clock_offset_ns
+        self.began_ns: int = (first or 0) - about.clock_offset_ns
         if not about.info.family:
             raise RecordingError(f"{path} is of a device that responds in no known way: nothing is decoded")
         try:
