@@ -56,6 +56,9 @@ class _Timed:
         self.seconds += time.perf_counter() - start
         return samples
 
+    def is_whole(self, packets: Packets, following: bytes) -> bool:
+        return self._decoder.is_whole(packets, following)
+
     def decode_several(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int, seam: int | None
     ) -> Samples | None:

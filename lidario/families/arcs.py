@@ -55,6 +55,10 @@ class ArcDecoder(ABC):
         arcs = self._turning.follow(heads, packets.arrivals)
         return self._samples(packets, heads, arcs, (len(heads.first),), room, seam)
 
+    def is_whole(self, packets: Packets, following: bytes) -> bool:
+        heads = self._heads(packets, following)
+        return self._turning.copy().follow_several(heads, (len(heads.first),), packets.arrivals) is not None
+
     def decode_several(
         self, packets: Packets, following: bytes, ends: Sequence[int], room: int, seam: int | None
     ) -> Samples | None:

@@ -13,8 +13,8 @@ from lidario.arguments import path_of
 from lidario.families.base import Known
 from lidario.filters.base import Filter
 from lidario.model import DeviceInfo
-from lidario.recording.files import SEARCHED, open_stored
-from lidario.recording.offline import BLOCK, OfflineDecoder, ScanArrays, arrays_of
+from lidario.recording.files import open_stored
+from lidario.recording.offline import BLOCK, ScanArrays, UntimedScans, arrays_of
 from lidario.recording.opened import StoredFile
 from lidario.recording.read import Piece, StoredStreams
 from lidario.revolution.assemble import AssemblerStats
@@ -40,7 +40,6 @@ class FileDecoder:
     """
 
     def __init__(self, path: str | os.PathLike[str], known: Known = Known()) -> None:  # noqa: B008
-        self._known = known
         self.recording: StoredStreams = open_stored(path_of(path, "a recording"), known)
         self.skipped_bytes: int = 0
         self.packets: int = 0
@@ -52,10 +51,11 @@ class FileDecoder:
             yield scan.filtered(*self.filters) if self.filters else scan
 
     def _untimed(self) -> Iterator[Scan]:
+        stored = self.recording.streams[0]
+        decoder = UntimedScans(stored.open())
+        self.stats = decoder.pipeline.stats
         with StoredFile(self.recording.path, self.recording.size) as file:
-            decoder = OfflineDecoder(file.read(SEARCHED), self._known)
-            self.stats = decoder.pipeline.stats
-            file.seek(decoder.begin)
+            file.seek(stored.began.at)
             yield from decoder.scans_of(iter(lambda: file.read(BLOCK), b""))
         self._count(decoder.pipeline.link.stats)
 

@@ -26,6 +26,7 @@ from lidario.measured import later
 from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
+from lidario.wire.copies import copy_of
 from lidario.wire.link import Link
 
 _log = logging.getLogger("lidario")
@@ -120,38 +121,21 @@ def arrays_of(decoder: Iterable[Scan]) -> ScanArrays:
     )
 
 
-class OfflineDecoder:
-    """Decodes recorded bytes as `decode` does, and with its errors. It is iterated over once.
+class UntimedScans:
+    """Makes scans of the bytes of a stream that has no times; it is used once.
 
-    The stream begins at the offset `begin` in `data`; `title` and `guess` are those of `RawStream`. `pipeline`
-    decodes it, and counts what became of bytes and packets.
+    `pipeline` decodes them, and counts what became of bytes and packets.
     """
 
-    def __init__(self, data: RawBytes, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed
-        try:
-            self._data = memoryview(data).cast("B")
-        except (TypeError, ValueError):
-            raise InvalidValue(f"recorded bytes are bytes in one piece, not {shown(data)}") from None
-        if known.sample_us is not None:
-            if not 0 < finite(known.sample_us, "sample_us") <= _MOST_US:
-                raise InvalidValue(f"sample_us is above 0 and at most {_MOST_US:.0f}, not {known.sample_us!r}")
-            known = known._replace(sample_us=float(known.sample_us))
-        family, found = _recognise(self._data, known)
-        self.family: Family = family
-        self.begin: int = found.begin
-        self.stream: Stream = found.stream
-        self.title: str = found.title
-        self.guess: str = found.guess
+    def __init__(self, stream: Stream) -> None:
+        self.stream: Stream = stream
         link = Link(BLOCK)
-        link.enter_stream(self.stream.format)
-        self.pipeline: Pipeline = Pipeline(self.stream, link=link, clock=StoredTimes(self.stream))
+        link.enter_stream(stream.format)
+        self.pipeline: Pipeline = Pipeline(stream, link=link, clock=StoredTimes(stream))
         self._end_ns = self._behind_ns = 0
 
-    def __iter__(self) -> Iterator[Scan]:
-        return self.scans_of(self._data[at : at + BLOCK] for at in range(self.begin, len(self._data), BLOCK))
-
     def scans_of(self, blocks: Iterable[RawBytes]) -> Iterator[Scan]:
-        """Decode `blocks`, of at most `BLOCK` bytes each, in place of `data` from `begin` on."""
+        """The scans of all bytes of the stream, in blocks of at most `BLOCK` bytes."""
         for block in blocks:
             yield from map(self._in_time, self.pipeline.receive(block))
         yield from map(self._in_time, self.pipeline.end())
@@ -167,6 +151,32 @@ class OfflineDecoder:
         return scan
 
 
+class OfflineDecoder(UntimedScans):
+    """Decodes recorded bytes as `decode` does, and with its errors. It is iterated over once.
+
+    The stream begins at the offset `begin` in `data`; `title` and `guess` are those of `RawStream`.
+    """
+
+    def __init__(self, data: RawBytes, known: Known = Known()) -> None:  # noqa: B008 - it cannot be changed
+        try:
+            self._data = memoryview(data).cast("B")
+        except (TypeError, ValueError):
+            raise InvalidValue(f"recorded bytes are bytes in one piece, not {shown(data)}") from None
+        if known.sample_us is not None:
+            if not 0 < finite(known.sample_us, "sample_us") <= _MOST_US:
+                raise InvalidValue(f"sample_us is above 0 and at most {_MOST_US:.0f}, not {known.sample_us!r}")
+            known = known._replace(sample_us=float(known.sample_us))
+        family, found = _recognise(self._data, known)
+        self.family: Family = family
+        self.begin: int = found.begin
+        self.title: str = found.title
+        self.guess: str = found.guess
+        super().__init__(found.stream)
+
+    def __iter__(self) -> Iterator[Scan]:
+        return self.scans_of(self._data[at : at + BLOCK] for at in range(self.begin, len(self._data), BLOCK))
+
+
 def _recognise(data: memoryview, known: Known) -> tuple[Family, RawStream]:
     """Whose stream is in the bytes, and where it begins."""
     families: Sequence[Family] = FAMILIES
@@ -175,24 +185,26 @@ def _recognise(data: memoryview, known: Known) -> tuple[Family, RawStream]:
         families = families_of_model(known.model or "", known.family)
     elif known.family is not None:
         families = (family_named(known.family),)
-    best: tuple[int, Family] | None = None
+    best: tuple[Family, RawStream] | None = None
+    most = 0
     for each in families:
         found = each.find_stream(data, known)
         if found is None:
             continue
         # Two families may announce their streams alike: the one whose packets follow is right.
-        link = Link()
-        link.enter_stream(found.stream.format)
-        link.receive_data(data[found.begin : found.begin + _TRIED], 0)
-        if best is None or link.stats.packet_bytes > best[0]:
-            best = (link.stats.packet_bytes, each)
-    if best is None or not (best[0] or known.family):
+        link, tried = Link(), data[found.begin : found.begin + _TRIED]
+        # A format remembers what it has seen.
+        link.enter_stream(copy_of(found.stream.format))
+        link.receive_data(tried, 0)
+        if best is None or link.stats.packet_bytes > most:
+            best, most = (each, found), link.stats.packet_bytes
+        if 2 * most > len(tried):
+            # The others would have to be searched for in all of the bytes.
+            break
+    if best is None or not (most or known.family):
         of = f" of the family {known.family!r}" if known.family else ""
         of += f" of the model {known.model!r}" if known.model else ""
         raise RecordingError(
             f"no measurement stream{of} among {len(data)} bytes; it must be recorded from its start on"
         )
-    # A fresh format and decoder: those that were tried remember what they have seen.
-    again = best[1].find_stream(data, known)
-    assert again is not None
-    return best[1], again
+    return best

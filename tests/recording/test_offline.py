@@ -7,6 +7,7 @@ import os
 import pickle
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +25,8 @@ from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import score
 from benchmarks.truth_ways import receive
 from lidario.errors import ConnectFailed, InvalidValue, RecordingError
-from lidario.families.base import Known
+from lidario.families.base import Family, Known, RawStream
+from lidario.families.registry import FAMILIES
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.offline import OfflineDecoder
@@ -87,6 +89,27 @@ def test_arrays_are_the_scans_back_to_back(case: Case) -> None:
     kinds = {arrays.device_angles.dtype, arrays.device_distances.dtype}
     assert kinds == {np.dtype(np.float32)}
     assert {arrays.starts.dtype, arrays.stamps_ns.dtype, arrays.lost_packets.dtype} == {np.dtype(np.int64)}
+
+
+def test_a_stream_is_looked_for_once_and_not_in_families_behind_the_one_it_is_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each family would search all of the bytes for its packets: that took longer than decoding a short file."""
+    searched = list[str]()
+
+    def counting(family: Family) -> Family:
+        def find_stream(data: memoryview, known: Known) -> RawStream | None:
+            searched.append(family.name)
+            return family.find_stream(data, known)
+
+        return replace(family, find_stream=find_stream)
+
+    monkeypatch.setattr("lidario.recording.offline.FAMILIES", tuple(map(counting, FAMILIES)))
+    case = next(case for case in CASES if case.response_type == 0x85)
+    path = tmp_path / "run.bin"
+    path.write_bytes(whole(case))
+    assert len(list(lidario.decode_file(path))) >= 2
+    assert searched == ["rplidar"]
 
 
 @every_kind
