@@ -71,13 +71,17 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     """As `Family.find_stream`: finds the stream behind the header, or at the first intact packet."""
     named = MODELS[known.model] if known.model else None
     found: list[tuple[int, type[PointCloud]]] = []
-    for made in FORMATS if named is None else (named.kind.wire,):
-        wire = made()
-        # A later packet does not count. Without this bound, a long file would be searched to its end.
-        place = _first_packet(data if not found else data[: found[0][0] + wire.longest], wire)
-        if place is not None:
-            found.append((place, made))
-    if not found:
+    # Mostly a stream begins soon: the formats that it does not have are not looked for to the end of the data.
+    for searched in (data[:_MEASURED], data):
+        for made in FORMATS if named is None else (named.kind.wire,):
+            wire = made()
+            # A later packet does not count.
+            place = _first_packet(searched if not found else data[: found[0][0] + wire.longest], wire)
+            if place is not None:
+                found.append((place, made))
+        if found:
+            break
+    else:
         return None
     if len(found) > 1:
         # One packet may pass for a packet of another format, and two packets for one if the last samples are 0.
