@@ -192,14 +192,14 @@ def _recognise(data: memoryview, known: Known) -> tuple[Family, RawStream]:
         if found is None:
             continue
         # Two families may announce their streams alike: the one whose packets follow is right.
-        link, tried = Link(), data[found.begin : found.begin + _TRIED]
+        link = Link()
         # A format remembers what it has seen.
         link.enter_stream(copy_of(found.stream.format))
-        link.receive_data(tried, 0)
+        link.receive_data(data[found.begin : found.begin + _TRIED], 0)
         if best is None or link.stats.packet_bytes > most:
             best, most = (each, found), link.stats.packet_bytes
-        if 2 * most > len(tried):
-            # The others would have to be searched for in all of the bytes.
+        if 2 * most > min(len(data), _TRIED):
+            # Most bytes are told. The others would have to be searched for in all of them.
             break
     if best is None or not (most or known.family):
         of = f" of the family {known.family!r}" if known.family else ""
