@@ -198,8 +198,8 @@ def _recognise(data: memoryview, known: Known) -> tuple[Family, RawStream]:
         link.receive_data(data[found.begin : found.begin + _TRIED], 0)
         if best is None or link.stats.packet_bytes > most:
             best, most = (each, found), link.stats.packet_bytes
-        if 2 * most > min(len(data), _TRIED):
-            # Most bytes are told. The others would have to be searched for in all of them.
+        if 2 * most > min(len(data), found.begin + _TRIED):
+            # Most of the bytes so far. The packets of other families would have to be searched for in all bytes.
             break
     if best is None or not (most or known.family):
         of = f" of the family {known.family!r}" if known.family else ""
