@@ -57,13 +57,10 @@ async def list_remote_lidars(router: str = DEFAULT_ROUTER) -> list[RemoteLidar]:
         ConnectFailed: It cannot be reached.
         Unsupported: The package that is needed is not installed.
     """
-    bus = await Bus.open(router)
-    try:
+    async with await Bus.open(router) as bus:
         tokens = await bus.tokens(tokens_of("**"), ASK_S)
         others = await bus.tokens(ALL_LASERSCANS, ASK_S)
         told = dict(await statuses(bus, "**")) if tokens else {}
-    finally:
-        await bus.close()
     found: dict[str, RemoteLidar] = {}
     for token in map(parse_token, tokens):
         if token is None:

@@ -21,6 +21,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
+import anyio
+
 from lidario.arguments import path_of, text_of
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.port.background import run_in_thread
@@ -137,7 +139,9 @@ def _unwelcome(router: str, protocol: str) -> str:
 
 
 class OpenSession:
-    """A session of zenoh and what is declared in it. A session that nobody closes is closed when the program ends.
+    """A session of zenoh and what is declared in it; an asynchronous context manager that closes it.
+
+    A session that nobody closes is closed when the program ends.
 
     Else its threads would outlive the interpreter, and a message that comes then would abort the program. A forked
     child has none of these threads: if it closed the session, or dropped what is declared, it would wait for ever.
@@ -165,6 +169,14 @@ class OpenSession:
                 await run_in_thread(self._session.close)
         except (TimeoutError, ConnectFailed, the_package().ZError) as error:
             _log.debug("a session of zenoh did not close in time or order: %r", error)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        # A scope of anyio that is cancelled would end the waiting before it has begun.
+        with anyio.CancelScope(shield=True):
+            await self.close()
 
 
 def _close(session: Any) -> None:
@@ -210,12 +222,6 @@ class Router(OpenSession):
         except zenoh.ZError as error:
             raise _why_not(found, words_of(error)) from error
         return cls(session, found)
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.close()
 
 
 def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:

@@ -11,8 +11,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final, Literal
 
-import anyio
-
 from lidario.network.bus import Bus, Sample
 from lidario.network.keys import Attachment, parse_attachment
 
@@ -100,14 +98,10 @@ async def what_is_heard(router: str, keys: Sequence[str], gid: bytes, seconds: f
             if sample.key == keys[0]:
                 enough.set()
 
-    bus = await Bus.open(router)
-    try:
+    async with await Bus.open(router) as bus:
         for key in keys:
             bus.subscribe(key, take)
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await enough.wait()
         return heard
-    finally:
-        with anyio.CancelScope(shield=True):
-            await bus.close()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Iterator
 
+import anyio
 import pytest
 
 from lidario.errors import InvalidValue
-from lidario.network.router import check_router, why_no_router
+from lidario.network.router import Router, check_router, why_no_router
 
 
 @pytest.mark.parametrize(
@@ -107,3 +109,22 @@ def test_addresses_that_are_silent_share_two_seconds(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(socket, "create_connection", silent)
     assert why_no_router("tcp/router.example:7447").reason == "refused"
     assert sum(waited) == 2.0
+
+
+class SlowToClose:
+    """A session of zenoh that takes its time to close."""
+
+    closed = False
+
+    def close(self) -> None:
+        time.sleep(0.05)
+        self.closed = True
+
+
+async def test_a_scope_that_is_cancelled_leaves_no_router_behind() -> None:
+    session = SlowToClose()
+    with anyio.CancelScope() as scope:
+        async with Router(session, ()):
+            scope.cancel()
+            await anyio.sleep_forever()
+    assert session.closed
