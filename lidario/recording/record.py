@@ -16,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -97,12 +98,9 @@ class Recording(Entered):
         self._messages = scans
         self._overwrite = overwrite
         self._sync = sync
-        self._offset_ns = 0
-        self._about: About | None = None
         self._entries: deque[_Entry] = deque()
         # Bytes. The loop counts what it has seen, the thread what it has taken, and what of that is in the file.
         self._seen = self._taken = self._written = 0
-        self._over = False
         self._ending = threading.Event()
         self._open = threading.Event()
         self._thread: threading.Thread | None = None
@@ -134,7 +132,7 @@ class Recording(Entered):
     @property
     def is_running(self) -> bool:
         """Whether what happens is recorded."""
-        return self._thread is not None and not self._over
+        return self._thread is not None and not self._ending.is_set()
 
     async def start(self) -> None:
         """Create the file and begin; ``async with`` does so.
@@ -155,11 +153,10 @@ class Recording(Entered):
         if replaces and any(_is_same(each, self.path) for each in self._session.files):
             raise CannotRecord(f"{self.path} is read meanwhile, so it cannot be replaced: name another file")
         try:
-            self._about = self._session.begin_recording(self)
-            self._offset_ns = self._about.clock_offset_ns
+            about = self._session.begin_recording(self)
             # A daemon: a disk that hangs must not keep the program from ending.
             try:
-                self._thread = start_thread(self._run, "lidario: recording")
+                self._thread = start_thread(partial(self._run, about), "lidario: recording")
             except RuntimeError as error:
                 raise CannotRecord(f"{self.path} cannot be written: {NO_THREADS}") from error
             await _until(lambda: self._open.is_set() or self.error is not None, CLOSE_TIMEOUT_S)
@@ -200,7 +197,7 @@ class Recording(Entered):
 
     def see_scan(self, scan: Scan) -> None:
         """A scan was decoded."""
-        if self._over:
+        if self._ending.is_set():
             return
         self.scans += 1
         messages = self._messages
@@ -209,16 +206,16 @@ class Recording(Entered):
 
     def _add(self, now: int, size: int, write: Callable[[FileWriter, int], None]) -> bool:
         self._seen += size
-        if not self._over and self._seen - self._taken + _ITEM_BYTES * len(self._entries) > QUEUE_BYTES:
+        waiting = self._seen - self._taken + _ITEM_BYTES * len(self._entries)
+        if waiting > QUEUE_BYTES and not self._ending.is_set():
             self._fail(CannotRecord(f"{self.path}: the disk is too slow for what arrives, so it ends here"))
-        if self._over:
+        if self._ending.is_set():
             return False
         self._entries.append((now, size, write))
         return True
 
     def _end(self) -> None:
         self._session.end_recording(self)
-        self._over = True
         self._ending.set()
 
     def _fail(self, error: CannotRecord) -> None:
@@ -227,17 +224,15 @@ class Recording(Entered):
             self.error = error
             if self._open.is_set():
                 _log.warning("the recording ended: %s", error)
-        self._over = True
         self._ending.set()
 
-    def _run(self) -> None:
+    def _run(self, about: About) -> None:
         """The thread."""
-        assert self._about is not None
         try:
-            self._parts = Parts(self._base, self._about, self._split, overwrite=self._overwrite, sync=self._sync)
+            self._parts = Parts(self._base, about, self._split, overwrite=self._overwrite, sync=self._sync)
             self.path = self._parts.writer.path
             self._open.set()
-            self._write(self._parts)
+            self._write(self._parts, about.clock_offset_ns)
             if self._messages is not None:
                 self._parts.writer.add_scans(self._messages.rest())
             self._parts.writer.close()
@@ -254,7 +249,7 @@ class Recording(Entered):
                 self._parts.writer.abandon()
             self._entries.clear()
 
-    def _write(self, parts: Parts) -> None:
+    def _write(self, parts: Parts, clock_offset_ns: int) -> None:
         writer = parts.writer
         first_ns: int | None = None
         flushed = time.monotonic()
@@ -267,9 +262,9 @@ class Recording(Entered):
                     parts.flush()
                     first_ns, flushed, self._written = None, time.monotonic(), self._taken
                 if first_ns is None:
-                    writer, first_ns = parts.writer_at(now + self._offset_ns), now
+                    writer, first_ns = parts.writer_at(now + clock_offset_ns), now
                     self.path = writer.path
-                write(writer, now + self._offset_ns)
+                write(writer, now + clock_offset_ns)
                 self._taken += size
             if first_ns is not None and (ending or time.monotonic() - flushed >= CHUNK_NS * 1e-9):
                 parts.flush()

@@ -158,16 +158,14 @@ class FileWriter:
         self._pending = 0
         self._writer.flush()
         self._write_out()
-        if self._sync:
-            self._sync_now()
+        self._sync_now()
 
     def close(self) -> None:
         """Write the index and close the file. Where the last bytes do not fit, it is readable without them."""
         try:
             self._writer.finish()
             self._write_out()
-            if self._sync:
-                self._sync_now()
+            self._sync_now()
         finally:
             self._file.close()
 
@@ -201,6 +199,8 @@ class FileWriter:
         self._writer.add_message(self._channels[topic], at_ns, message, at_ns, number & 0xFFFF_FFFF)
 
     def _sync_now(self) -> None:
+        if not self._sync:
+            return
         try:
             os.fsync(self._file.fileno())
         except OSError as error:
