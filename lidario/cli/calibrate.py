@@ -73,8 +73,9 @@ def calibrate(
     if not dry_run:
         need("tomlkit", "writing settings")
         must_be_writable(file, overwrite=True)
-    with progress("reading both lidars …"):
-        (one, ahead), (two, behind) = run(lambda: _scans(first, second, count, config, told_apart=not dry_run))
+    (one, ahead), (two, behind) = run(
+        lambda: _scans(first, second, count, config, told_apart=not dry_run), "reading both lidars …"
+    )
     fixed, moving = _cloud(ahead), _cloud(behind)
     with progress("laying one on the other …"):
         found = lidario.register(fixed, moving, guess=guess)

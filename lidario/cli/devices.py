@@ -13,7 +13,7 @@ import click
 import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, exit_code_of
-from lidario.cli.output import console, dump, progress, rendered, table
+from lidario.cli.output import dump, emit_tables, table
 from lidario.cli.running import run
 from lidario.cli.settings import only_with
 from lidario.cli.streams import emit, message
@@ -46,8 +46,7 @@ def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -
 
 def show(ports: tuple[str, ...], *, as_json: bool, next_steps: bool = False) -> int:
     """Ask the ports and print the result; returns the exit code."""
-    with progress("asking the ports …"):
-        found = run(lambda: lidario.list_lidars(ports))
+    found = run(lambda: lidario.list_lidars(ports), "asking the ports …")
     asked = {each.port.path for each in found}
     others = [] if ports else [port for port in lidario.list_serial_ports() if port.path not in asked]
     responding = [each for each in found if each.info is not None]
@@ -72,7 +71,7 @@ def _print(found: list[lidario.Found], others: list[lidario.PortInfo]) -> None:
     ]  # fmt: skip
     if rows:
         titles = ("port", "model", "serial number", "firmware", "baud", "adapter")
-        emit(rendered(console(), table(titles, rows, right=("baud",))))
+        emit_tables(table(titles, rows, right=("baud",)))
     elif not found:
         message("no lidar found: no port has an adapter that lidars are sold with. Is it plugged in?")
     for each in found:
@@ -128,27 +127,20 @@ def _record(port: lidario.PortInfo, found: lidario.Found | None = None) -> dict[
 
 def _show_fleet(router: str, *, as_json: bool) -> int:
     """Ask the router and print the result; returns the exit code, 3 where there is none."""
-    with progress("asking the network …"):
-        found = run(lambda: lidario.ros.list_remote_lidars(router))
+    found = run(lambda: lidario.ros.list_remote_lidars(router), "asking the network …")
     if as_json:
         dump([_record_of(each) for each in found])
     elif found:
         titles = ("source", "robot", "model", "serial number", "health", "scans/s")
-        emit(rendered(console(), table(titles, map(_row_of, found), right=("scans/s",))))
+        emit_tables(table(titles, map(_row_of, found), right=("scans/s",)))
     else:
         message(f"no lidar is published; `lidario publish --zenoh KEY --router {router}` publishes one")
     return ExitCode.OK if found else ExitCode.NO_DEVICE
 
 
 def _row_of(lidar: lidario.ros.RemoteLidar) -> tuple[str, ...]:
-    rate = f"{lidar.rate:.1f}" if lidar.health is not None else ""
-    return lidar.source, lidar.robot, lidar.model, lidar.serial, _health(lidar), rate
-
-
-def _health(lidar: lidario.ros.RemoteLidar) -> str:
-    if lidar.lost:
-        return "away"
-    return lidar.health.status.value if lidar.health is not None else ""
+    told, rate = ("", "") if lidar.health is None else (lidar.health.status.value, f"{lidar.rate:.1f}")
+    return lidar.source, lidar.robot, lidar.model, lidar.serial, "away" if lidar.lost else told, rate
 
 
 def _record_of(lidar: lidario.ros.RemoteLidar) -> dict[str, object]:

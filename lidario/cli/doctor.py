@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import click
@@ -18,11 +19,10 @@ import click
 import lidario
 from lidario.cli.errors import ExitCode, exit_code
 from lidario.cli.machine import Machine
-from lidario.cli.output import console, dump, introduced, judged, progress, rendered
+from lidario.cli.output import dump, emit_tables, introduced, judged
 from lidario.cli.parameters import source_argument
 from lidario.cli.running import run
 from lidario.cli.stats import Measured, measure, percent, verdict
-from lidario.cli.streams import emit
 from lidario.cli.udev import is_unique
 from lidario.families.adapters import ADAPTERS
 
@@ -69,8 +69,7 @@ def doctor(source: str, as_json: bool) -> int:
     for each in sources:
         if each in by_path:
             findings += of_adapter(machine, by_path[each])
-        with progress(f"asking {each} …"):
-            found, code = run(lambda each=each: _of_device(machine, each, by_path.get(each)))  # type: ignore[misc]
+        found, code = run(partial(_of_device, machine, each, by_path.get(each)), f"asking {each} …")
         findings += found
         codes.append(code)
     if not sources:
@@ -79,7 +78,7 @@ def doctor(source: str, as_json: bool) -> int:
     if as_json:
         dump([asdict(finding) for finding in findings])
     else:
-        emit(rendered(console(), judged(_rows(findings))))
+        emit_tables(judged(_rows(findings)))
     # Several ports, and a lidar on one of them: that one is what `auto` opens.
     return ExitCode.OK if ExitCode.OK in codes else codes[0]
 

@@ -52,21 +52,15 @@ _REASONS: dict[lidario.ConnectReason, ExitCode] = {
     "source": ExitCode.USAGE,
 }
 
-_KINDS: tuple[tuple[type[BaseException], ExitCode], ...] = (
-    (lidario.RecordingError, ExitCode.BAD_RECORDING),
-    (lidario.CannotRecord, ExitCode.NO_ACCESS),
-    (CannotWrite, ExitCode.NO_ACCESS),
-    (lidario.DeviceFault, ExitCode.UNHEALTHY),
-    (lidario.DeviceLost, ExitCode.NO_DATA),
-    (lidario.StreamFailed, ExitCode.NO_DATA),
-    (lidario.ResponseTimeout, ExitCode.NO_DATA),
-    (lidario.ProtocolError, ExitCode.NO_DATA),
-    (lidario.Unsupported, ExitCode.USAGE),
-    (lidario.InvalidValue, ExitCode.USAGE),
-    (ReaderGone, ExitCode.OK),
-    (click.Abort, ExitCode.INTERRUPTED),
-    (KeyboardInterrupt, ExitCode.INTERRUPTED),
-)
+_KINDS: dict[ExitCode, type[BaseException] | tuple[type[BaseException], ...]] = {
+    ExitCode.BAD_RECORDING: lidario.RecordingError,
+    ExitCode.NO_ACCESS: (lidario.CannotRecord, CannotWrite),
+    ExitCode.UNHEALTHY: lidario.DeviceFault,
+    ExitCode.NO_DATA: (lidario.DeviceLost, lidario.StreamFailed, lidario.ResponseTimeout, lidario.ProtocolError),
+    ExitCode.USAGE: (lidario.Unsupported, lidario.InvalidValue),
+    ExitCode.OK: ReaderGone,
+    ExitCode.INTERRUPTED: (click.Abort, KeyboardInterrupt),
+}
 
 
 def need(module: str, what: str, package: str = "", otherwise: str = "") -> None:
@@ -103,7 +97,7 @@ def exit_code(error: BaseException) -> int:
         return error.exit_code
     if isinstance(error, Stopped):
         return 128 + error.signal
-    return next((code for kind, code in _KINDS if isinstance(error, kind)), ExitCode.UNEXPECTED)
+    return next((code for code, kinds in _KINDS.items() if isinstance(error, kinds)), ExitCode.UNEXPECTED)
 
 
 def report(error: BaseException, *, with_traceback: bool = False) -> None:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 import lidario
-from lidario.cli.output import console, dump, facts, in_both_units, progress, rendered, table
+from lidario.cli.output import dump, emit_tables, facts, in_both_units, progress, table
 from lidario.cli.parameters import json_option, source_argument
 from lidario.cli.running import run
-from lidario.cli.streams import emit, message
+from lidario.cli.streams import message
 from lidario.words import counted
 
 if TYPE_CHECKING:
@@ -50,12 +50,11 @@ def info(source: str, as_json: bool) -> None:
         _show_summary(file, as_json=as_json)
         return
 
-    with progress(f"asking {source} …" if source != "auto" else "looking for a lidar …"):
-        told = run(lambda: _ask(source))
+    told = run(lambda: _ask(source), f"asking {source} …" if source != "auto" else "looking for a lidar …")
     if as_json:
         dump(_record(told))
     else:
-        emit(rendered(console(), _facts(told), "", _modes(told.modes)))
+        emit_tables(_facts(told), "", _modes(told.modes))
 
 
 async def _ask(source: str) -> _Told:
@@ -144,7 +143,7 @@ def _show_summary(file: FileSource, *, as_json: bool) -> None:
         record = asdict(summary)
         dump({**record, "began_ns": summary.began_ns or None, "damage": summary.damage or None})
     else:
-        emit(rendered(console(), _facts_of_file(summary)))
+        emit_tables(_facts_of_file(summary))
     if summary.damage:
         message(f"note: {summary.damage}; everything else is there")
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 import click
 
 import lidario
-from lidario.cli.output import dump, in_both_units, progress
+from lidario.cli.output import dump, in_both_units
 from lidario.cli.parameters import FiniteRange, json_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.streams import emit
@@ -37,9 +37,8 @@ def start(source: str, as_json: bool) -> None:
 @json_option
 def stop(source: str, as_json: bool) -> None:
     """Stop laser and motor, whatever an earlier program left running."""
-    with progress(f"stopping {source} …"):
-        _refuse_motorless(source)
-        run(lambda: _stop(source))
+    _refuse_motorless(source)
+    run(lambda: _stop(source), f"stopping {source} …")
     _tell(as_json, "stopped", None)
 
 
@@ -56,9 +55,8 @@ def speed(hertz: float, source: str, as_json: bool) -> None:
 
 
 def _run(source: str, hertz: float | None, as_json: bool) -> None:
-    with progress("waiting for the rotor …"):
-        _refuse_motorless(source)
-        state, measured = run(lambda: _turn(source, hertz))
+    _refuse_motorless(source)
+    state, measured = run(lambda: _turn(source, hertz), "waiting for the rotor …")
     _tell(as_json, state, measured)
 
 

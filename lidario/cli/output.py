@@ -21,7 +21,7 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from itertools import cycle
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import lidario
 from lidario.cli.streams import CannotWrite, ReaderGone, beside, can_be_drawn_on, emit, show
@@ -127,6 +127,11 @@ def console() -> Console:
     return Console(width=width, markup=False, highlight=False, emoji=False)
 
 
+def emit_tables(*parts: RenderableType) -> None:
+    """As `emit`, of tables and of texts between them."""
+    emit(rendered(console(), *parts))
+
+
 def rendered(target: Console, *parts: RenderableType) -> str:
     """What `target` would print, as text for `emit`, and with its errors: at the end rich flushes stdout."""
     try:
@@ -141,14 +146,7 @@ def rendered(target: Console, *parts: RenderableType) -> str:
 
 def facts(rows: Iterable[tuple[str, str]], *, gap: int = 2) -> Table:
     """A table of names and values, a line each, and so many columns between them."""
-    from rich.table import Table
-
-    made = Table.grid(padding=(0, gap))
-    made.add_column(style="bold")
-    made.add_column(overflow="fold")
-    for row in rows:
-        made.add_row(*row)
-    return made
+    return _grid(rows, {"style": "bold"}, gap=gap)
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()) -> Table:
@@ -172,12 +170,16 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequen
 
 def judged(rows: Iterable[tuple[str | Text, str, str | Text]]) -> Table:
     """A table of verdicts: each with a word, what it is of, and a text."""
+    return _grid(rows, {"no_wrap": True}, {"no_wrap": True})
+
+
+def _grid(rows: Iterable[Sequence[str | Text]], *columns: dict[str, Any], gap: int = 2) -> Table:
+    """A table without lines and titles: these columns, and a last one for texts of any length."""
     from rich.table import Table
 
-    made = Table.grid(padding=(0, 2))
-    for _ in range(2):
-        made.add_column(no_wrap=True)
-    made.add_column(overflow="fold")
+    made = Table.grid(padding=(0, gap))
+    for column in (*columns, {"overflow": "fold"}):
+        made.add_column(**column)
     for row in rows:
         made.add_row(*row)
     return made

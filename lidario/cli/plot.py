@@ -16,7 +16,6 @@ import click
 
 import lidario
 from lidario.cli.errors import need
-from lidario.cli.output import progress
 from lidario.cli.parameters import WholeRange, as_file, force_option, mode_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
@@ -49,8 +48,7 @@ def plot(source: str, output: str, count: int, polar: bool, force: bool, mode: s
     if is_png:
         need("matplotlib", "a PNG", otherwise=", or write an .svg")
     settings = settings_of_file()
-    with progress(f"waiting for {source} …"):
-        info, scans = run(lambda: _read(source, count, mode, settings))
+    info, scans = run(lambda: _read(source, count, mode, settings), f"waiting for {source} …")
     if not scans:
         raise lidario.RecordingError(f"{source} holds no full revolution")
     title = _title(info, scans)

@@ -15,11 +15,11 @@ import click
 
 import lidario
 from lidario.cli.machine import Machine
-from lidario.cli.output import console, dump, facts, introduced, judged, progress, rendered
+from lidario.cli.output import dump, emit_tables, facts, introduced, judged
 from lidario.cli.parameters import force_option, named_by_time, recording_option, source_argument
 from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import only_with
-from lidario.cli.streams import emit, message
+from lidario.cli.streams import message
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -72,8 +72,7 @@ def report_lidar(source: str, output: str | None, force: bool, check: bool, as_j
     begun.doing = f"opening {source} …"
     adapters = _Adapters(source)
     try:
-        with progress(lambda: begun.doing):
-            run(lambda: _try(begun, adapters, source, path, force))
+        run(lambda: _try(begun, adapters, source, path, force), lambda: begun.doing)
     finally:
         if begun.reporter is not None:
             _show(begun.reporter.report(), [], as_json)
@@ -161,8 +160,8 @@ def _check(path: Path, as_json: bool) -> None:
     report = read_report(path)
     family = report.about.info.family
     # What simulated devices say of themselves is not of interest here.
-    with progress(f"comparing {path} with what is known …"), nothing_logged():
-        known = run(lambda: known_of(family)) if family else ()
+    with nothing_logged():
+        known = run(lambda: known_of(family), f"comparing {path} with what is known …") if family else ()
     news = news_of(report, known)
     if report.is_simulated:
         message("note: it is of a simulated device, which tells nothing of real ones")
@@ -184,10 +183,9 @@ def _show(report: Report, news: list[str], as_json: bool) -> None:
     rows += [("modes", ", ".join(mode.name for mode in report.modes))] if report.modes else []
     rows += report.facts.items()
     rows += [("new" if not at else "", line) for at, line in enumerate(news)]
-    target = console()
     figures = [(each.name, str(each)) for one in report.tried for each in one.figures]
     parts = [facts(rows), *(["", facts(figures)] if figures else ())]
-    emit(rendered(target, *parts, *(["", judged(_verdicts(report))] if report.tried else ())))
+    emit_tables(*parts, *(["", judged(_verdicts(report))] if report.tried else ()))
 
 
 def _verdicts(report: Report) -> Iterator[tuple[str | Text, str, str | Text]]:

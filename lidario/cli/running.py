@@ -11,12 +11,12 @@ import logging
 import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any, TypeVar
 
 import lidario
 from lidario.cli.errors import Stopped
-from lidario.cli.output import Worker
+from lidario.cli.output import Worker, progress
 from lidario.cli.streams import hurry, message, messages_by
 
 T = TypeVar("T")
@@ -35,24 +35,25 @@ def run_until_stopped(work: Callable[[], Coroutine[Any, Any, object]]) -> bool:
     return True
 
 
-def run(work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Await ``work()`` in a new event loop.
+def run(work: Callable[[], Coroutine[Any, Any, T]], doing: str | Callable[[], str] | None = None) -> T:
+    """Await ``work()`` in a new event loop; what it is `doing` is shown meanwhile, as by `progress`.
 
     Raises:
         Stopped: SIGINT, SIGTERM or SIGHUP ended it.
     """
     hurry(False)
-    try:
-        with _told_beside():
-            return lidario.run(work())
-    except KeyboardInterrupt:
-        hurry(True)
-        raise Stopped(signal.SIGINT) from None
-    except SystemExit as ended:
-        if isinstance(ended.code, int) and ended.code > _BY_SIGNAL:
+    with nullcontext() if doing is None else progress(doing):
+        try:
+            with _told_beside():
+                return lidario.run(work())
+        except KeyboardInterrupt:
             hurry(True)
-            raise Stopped(ended.code - _BY_SIGNAL) from None
-        raise
+            raise Stopped(signal.SIGINT) from None
+        except SystemExit as ended:
+            if isinstance(ended.code, int) and ended.code > _BY_SIGNAL:
+                hurry(True)
+                raise Stopped(ended.code - _BY_SIGNAL) from None
+            raise
 
 
 class _Log(logging.Handler):

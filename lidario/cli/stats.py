@@ -18,11 +18,11 @@ import click
 
 import lidario
 from lidario.cli.errors import ExitCode, Stopped
-from lidario.cli.output import console, dump, facts, in_both_units, introduced, progress, rendered
+from lidario.cli.output import dump, emit_tables, facts, in_both_units, introduced
 from lidario.cli.parameters import as_duration, guard_option, json_option, mode_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
-from lidario.cli.streams import emit, message
+from lidario.cli.streams import message
 from lidario.web.traffic import Traffic, traffic
 from lidario.words import counted
 
@@ -105,15 +105,17 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
     measured, settings = Measured(), settings_of_file()
     stopped: Stopped | None = None
     try:
-        with progress(f"measuring for {seconds:g} s …"):
-            run(lambda: measure(source, seconds, mode, measured, guard=guard, config=settings))
+        run(
+            lambda: measure(source, seconds, mode, measured, guard=guard, config=settings),
+            f"measuring for {seconds:g} s …",
+        )
     except Stopped as caught:
         stopped = caught
     if measured.stamps:
         if as_json:
             dump(_record(measured))
         else:
-            emit(rendered(console(), _table(measured)))
+            emit_tables(_table(measured))
     else:
         message(
             "nothing was measured: revolutions count from the second one on, and none came. "
