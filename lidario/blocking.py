@@ -17,7 +17,7 @@ from functools import update_wrapper
 from inspect import signature
 from typing import TYPE_CHECKING, Any, Concatenate, Final, ParamSpec, TypeVar
 
-from lidario.blocking_streams import SyncLineChanges, SyncRecording, SyncScanStream, SyncSectorStream
+from lidario.blocking_streams import SyncLineChanges, SyncRecording, SyncScanStream, SyncSectorStream, called
 from lidario.config.read import Config, LidarConfig
 from lidario.entered import Closing
 from lidario.errors import SessionClosed
@@ -154,11 +154,7 @@ class SyncLidar(Closing):
 
     def _there(self, call: Callable[[], T]) -> T:
         """What a call returns that is made in the session's own thread."""
-
-        async def made() -> T:
-            return call()
-
-        return self._thread.call(made)
+        return self._thread.call(called, call)
 
     def close(self) -> None:
         """Stop laser and motor, close the port and end the thread. Harmless when done before.

@@ -1,6 +1,6 @@
 """What `lidario.SyncLidar` makes: streams and iterators for ``for``, and recordings for ``with``."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from typing import Generic, Self, TypeVar
 
@@ -54,11 +54,8 @@ class SyncReaderStream(Closing, Generic[T]):
             self._thread.call(self._stream.aclose)
 
     def _release(self) -> None:
-        async def release() -> None:
-            self._stream.release()
-
         with suppress(LidarError):
-            self._thread.call(release)
+            self._thread.call(called, self._stream.release)
 
 
 class SyncScanStream(SyncReaderStream[Scan]):
@@ -119,6 +116,11 @@ class SyncRecording(Held):
         # A session that was closed in the block has ended its recordings.
         with suppress(SessionClosed):
             self._thread.call(self.recording.close)
+
+
+async def called(call: Callable[[], T]) -> T:
+    """What a call returns that is made in the loop that awaits this."""
+    return call()
 
 
 async def _next(stream: AsyncIterator[T]) -> T | None:

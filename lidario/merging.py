@@ -21,10 +21,10 @@ from lidario.beams import FARTHEST_STATED_M, NO_RETURN, BeamOptions, NoReturn, b
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.points import Motion, Mount, Points, Velocity, merge, place
+from lidario.samples import FloatArray
 from lidario.scan import Scan
 
 OLDEST_S = 0.25  # two and a half revolutions of 10 Hz: a robot of 1 m/s has driven a quarter of a metre
-_Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +49,8 @@ class Merged:
     scan_time: float
     missing: tuple[int, ...]
     max_range: float
-    free: _Floats
-    left_out: _Floats
+    free: NDArray[np.float32]
+    left_out: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.points)
@@ -171,7 +171,7 @@ class MergedScans:
             np.concatenate([left_out for _, left_out in open_ways]),
         )
 
-    def _ends(self, scan: Scan, mount: Mount, at_ns: int, far: float) -> tuple[_Floats, _Floats]:
+    def _ends(self, scan: Scan, mount: Mount, at_ns: int, far: float) -> tuple[FloatArray, FloatArray]:
         """So far away on the samples without a return, and on those that filters took out."""
         none = np.flatnonzero(~scan.valid)
         cos, sin = (each[none] for each in scan.directions())

@@ -24,8 +24,6 @@ from lidario.rotor import Rotor, rotor_of
 from lidario.samples import mask_of, nearest_to, read_only
 from lidario.words import counted
 
-__all__ = ["Return", "Scan", "read_only"]
-
 _PLAIN: Final = (
     "seq", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "reported_rpm", "mode",
     "max_range", "dropped_before", "lost_packets", "angles", "ranges", "intensities",

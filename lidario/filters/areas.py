@@ -14,8 +14,8 @@ from lidario.errors import InvalidValue
 from lidario.filters.base import MaskFilter
 from lidario.measured import MeasuredSamples
 from lidario.points import Mount
+from lidario.samples import FloatArray
 
-_Floats = NDArray[np.float32]
 _ORIGIN: Final = Mount()
 
 
@@ -97,11 +97,10 @@ class PolygonFilter(MaskFilter):
             # Whether the line to the right of a return crosses this edge. An edge may be nearly level: no division.
             left = (x - x1) * (y2 - y1) < (y - y1) * (x2 - x1)
             inside ^= ((y1 > y) != (y2 > y)) & (left if y2 > y1 else ~left)
-        valid = record.valid
-        return valid & ~inside if self.invert else valid & inside
+        return record.valid & (~inside if self.invert else inside)
 
 
-def _mounted(record: MeasuredSamples, mount: Mount) -> tuple[_Floats, _Floats]:
+def _mounted(record: MeasuredSamples, mount: Mount) -> tuple[FloatArray, FloatArray]:
     """The samples in the robot's frame, metres; NaN without a return."""
     cos, sin = record.directions()
     x, y = record.ranges * cos, record.ranges * sin

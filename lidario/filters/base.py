@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from lidario.arguments import shown
 from lidario.errors import InvalidValue
 from lidario.measured import MeasuredSamples, with_distances
+from lidario.samples import FloatArray
 
 RecordT = TypeVar("RecordT", bound=MeasuredSamples)
-_Changed = tuple[NDArray[np.float32], NDArray[np.bool_] | None]
 
 
 class Filter(ABC):
@@ -40,7 +40,7 @@ class MaskFilter(Filter):
         """The same samples; those that it takes out have no return, and are `left_out`."""
         return with_distances(record, self._change)
 
-    def _change(self, record: MeasuredSamples) -> _Changed:
+    def _change(self, record: MeasuredSamples) -> tuple[FloatArray, NDArray[np.bool_] | None]:
         out, before = self.leaves_out(record), record._left_out  # noqa: SLF001 - of our own
         # Whole numbers would be taken for places of samples, and others would go than those that are meant.
         if not isinstance(out, np.ndarray) or out.dtype != np.bool_ or out.shape != (len(record),):

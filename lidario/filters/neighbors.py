@@ -15,10 +15,10 @@ from lidario.arguments import MODERATE, finite, moderate, shown, whole, yes_or_n
 from lidario.errors import InvalidValue
 from lidario.filters.base import Filter, MaskFilter, RecordT
 from lidario.measured import MeasuredSamples, with_distances
+from lidario.samples import FloatArray
 from lidario.scan import Scan
 
 _ElementT = TypeVar("_ElementT", bound=np.generic)
-_Floats = NDArray[np.float32]
 
 MOST_WINDOW: Final = 50  # neighbours on each side; each costs some microseconds for each scan
 MOST_MEDIAN: Final = 31
@@ -184,7 +184,7 @@ class MedianFilter(Filter):
         """The same samples with other ranges."""
         return with_distances(record, lambda measured: (self._medians(measured), measured._left_out))  # noqa: SLF001
 
-    def _medians(self, record: MeasuredSamples) -> _Floats:
+    def _medians(self, record: MeasuredSamples) -> FloatArray:
         own, count, reach = record.device_distances, len(record), self.window // 2
         closed = _is_closed(record, reach)
         cos, sin = record.directions()
@@ -227,7 +227,7 @@ def _around(values: NDArray[_ElementT], count: int, closed: bool, otherwise: flo
     return np.concatenate((less, _beyond(values, count, closed, otherwise)))
 
 
-def _least(values: _Floats, wanted: int) -> _Floats:
+def _least(values: FloatArray, wanted: int) -> FloatArray:
     """The least of each window of so many, by windows twice as long each time."""
     length = 1
     while length < wanted:

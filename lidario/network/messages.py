@@ -23,7 +23,8 @@ from lidario.measured import with_distances
 from lidario.network.bus import Sample
 from lidario.network.keys import LASERSCAN_IN_KEY
 from lidario.recording.chronicle import MOST_NS
-from lidario.scan import Scan, read_only
+from lidario.samples import read_only
+from lidario.scan import Scan
 
 _SCAN_MAGIC: Final = b"LDS1"
 _SCAN: Final = struct.Struct("<4sBxHIqqqQIddddd")

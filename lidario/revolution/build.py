@@ -10,7 +10,8 @@ from lidario.families.base import Stream
 from lidario.measured import made_of
 from lidario.revolution.partial import SampleArrays
 from lidario.rotor import Gaps
-from lidario.scan import Scan, read_only
+from lidario.samples import read_only
+from lidario.scan import Scan
 
 
 class DatedRevolution(NamedTuple):

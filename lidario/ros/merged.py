@@ -86,7 +86,6 @@ class MergedPublisher(Publisher):
         self.lidars: tuple[Lidar, ...] = tuple(lidars)
         self._sessions = self.lidars
         self._mounts, self._motion = mounts, motion
-        self._frame_id = frame_id
         self._message_of = partial(
             Merged.to_laserscan, beams=beams, frame_id=frame_id, range_min=range_min, range_max=range_max,
             no_return=no_return, filtered=filtered,
@@ -106,7 +105,7 @@ class MergedPublisher(Publisher):
             )
         message = self._message_of(scan).to_cdr()
         if self._cloud is not None:
-            self._cloud.send(_cloud_of(scan, self._frame_id).to_cdr())
+            self._cloud.send(_cloud_of(scan, self._messages.frame_id).to_cdr())
         self._count(self._scans is not None and self._scans.send(message))
 
     def status(self) -> Status:

@@ -15,7 +15,7 @@ from typing import Final, Literal
 
 from lidario.arguments import finite, shown, text_of, yes_or_no
 from lidario.beams import PRESET_YAW, BeamOrder, NoReturn, Preset
-from lidario.cdr import CdrWriter, stamp_bytes
+from lidario.cdr import LITTLE_ENDIAN, CdrWriter, stamp_bytes
 from lidario.errors import InvalidValue
 from lidario.laserscan import LaserScan
 from lidario.laserscans import LaserScans
@@ -145,7 +145,8 @@ class Publisher(Broadcast):
     def _send(self, ready: Sequence[tuple[Scan, LaserScan]]) -> None:
         for scan, message in ready[-1:]:
             if self._clock is not None:
-                self._clock.send(_clock_message(scan.wall_stamp_ns + scan.duration_ns))
+                # rosgraph_msgs/Clock has nothing but the time.
+                self._clock.send(LITTLE_ENDIAN + stamp_bytes(scan.wall_stamp_ns + scan.duration_ns))
             sent = replace(message, stamp_ns=message.stamp_ns + self._late_ns).to_cdr()
             self._count(self._scans is not None and self._scans.send(sent))
 
@@ -206,11 +207,4 @@ def _static_transform(stamp_ns: int, parent: str, child: str, mount: tuple[float
     writer.text(child)
     writer.align(8)
     writer.raw(_SEVEN.pack(x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
-    return writer.finish()
-
-
-def _clock_message(stamp_ns: int) -> bytes:
-    """``rosgraph_msgs/Clock``, as CDR."""
-    writer = CdrWriter()
-    writer.raw(stamp_bytes(stamp_ns))
     return writer.finish()

@@ -187,7 +187,7 @@ class LiveServer:
             viewer.waiting[number] = feed.latest
             viewer.wake.set()
 
-    def publish_states(self, _: Feed) -> None:
+    def publish_states(self, _: Feed | None = None) -> None:
         """Send the states of all lidars to all viewers; call it for each change."""
         for viewer in self._viewers:
             viewer.states = True
@@ -198,8 +198,7 @@ class LiveServer:
             await asyncio.sleep(STATE_S)
             for viewer in self._viewers:
                 viewer.connection.messages = 0
-                viewer.states = True
-                viewer.wake.set()
+            self.publish_states()
 
     def _check_request(self, _: ServerConnection, request: Request) -> Response | None:
         headers = request.headers
