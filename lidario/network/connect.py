@@ -170,11 +170,11 @@ def _remote(bus: Bus, key: str, status: Status, began: StreamBegan) -> Remote:
             f"zenoh:{key} sends packets of an unknown type, 0x{began.mode.response_type:02X}", reason="source"
         )
     streams = RemoteStreams(family, status.about, status.modes, began, raw=raw)
-    port = RemotePort(bus, key, status.form, streams, _gid_of(status))
+    port = RemotePort(bus, key, streams, _gid_of(status))
     bus.subscribe(status_key(key), port.learn)
     bus.watch_tokens(tokens_of(key), port.token_changed)
     bus.subscribe(key, port.receive)
-    return port, family, RemoteDevice(streams, raw=raw)
+    return port, family, RemoteDevice(streams)
 
 
 def _gid_of(status: Status) -> bytes:

@@ -32,13 +32,14 @@ LONGEST_RESPONSE: Final = 4096
 class RemoteStreams(StoredStreams):
     """What is known of the lidar: what a `RecordedDevice` needs. The stream that runs is the only one of `streams`.
 
-    The session has `opened` one; another one may run since.
+    The session has `opened` one; another one may run since. Bytes arrive (`raw`), or whole scans.
     """
 
     def __init__(
-        self, family: Family, about: About, modes: tuple[ScanMode, ...], began: StreamBegan, *, raw: bool = True
+        self, family: Family, about: About, modes: tuple[ScanMode, ...], began: StreamBegan, *, raw: bool
     ) -> None:
         super().__init__(Path())
+        self.raw: bool = raw
         self._told = EventState()
         self.responses: dict[bytes, Responded] = self._told.responses
         self.about = about
@@ -75,15 +76,15 @@ class RemoteStreams(StoredStreams):
 
 
 class RemoteDevice(RecordedDevice):
-    """The lidar of another machine, of which bytes arrive (`raw`) or whole scans."""
+    """The lidar of another machine."""
 
     told_by = "its publisher"
     whose = "another machine's lidar"
 
-    def __init__(self, streams: RemoteStreams, *, raw: bool) -> None:
+    def __init__(self, streams: RemoteStreams) -> None:
         super().__init__(streams, lambda: streams.stream)
         self._streams = streams
-        self.sends_bytes: bool = raw
+        self.sends_bytes: bool = streams.raw
         self._foreign = streams.about.info.family != streams.stream.family.name
 
     def reset(self) -> Request:

@@ -44,16 +44,15 @@ AGAIN_S: Final = 1.0  # from one warning about the lidar of a publisher to the n
 class RemotePort(FedPort):
     """A port with a publisher at its other end; needs a running event loop.
 
-    It closes the bus with itself. `form` is ``raw``, ``scan`` or ``ros``; `sender` tells its publisher from others,
-    and is empty where that is not known.
+    It closes the bus with itself. `sender` tells its publisher from others, and is empty where that is not known.
     """
 
-    def __init__(self, bus: Bus, key: str, form: str, streams: RemoteStreams, sender: bytes) -> None:
+    def __init__(self, bus: Bus, key: str, streams: RemoteStreams, sender: bytes) -> None:
         super().__init__(f"zenoh:{key}", streams.stream.began.baudrate)
         self._began_offset_ns = super().wall_offset_ns
         self._bus = bus
         self._streams = streams
-        self._raw = form == "raw"
+        self._raw = streams.raw
         self._take: Callable[[Sample], Iterable[None] | None] = self._take_raw if self._raw else self._take_scan
         self._flows = True
         self._senders = Senders()
@@ -143,7 +142,7 @@ class RemotePort(FedPort):
             # What its publisher itself has missed is in it, too. A LaserScan has no number.
             self._gap = scan.seq - before - 1
         missed, self._gap = self._gap, 0
-        if self.is_wanted and self.audience is not None:
+        if self.is_wanted:
             self.audience.deliver(scan, missed)
 
     def _take_raw(self, sample: Sample) -> Iterator[None]:
@@ -175,7 +174,7 @@ class RemotePort(FedPort):
         if self._flows and before == replace(began, zero_offset_deg=before.zero_offset_deg):
             # The same stream goes on.
             self._streams.turn(began.zero_offset_deg)
-            if self.audience is not None:
+            if self.is_wanted:
                 self.audience.set_zero_offset(self.offset_of(began.zero_offset_deg), behind=behind)
             return
         if self._raw and self.stream.family.stream_in(began.mode) is None:
@@ -186,7 +185,7 @@ class RemotePort(FedPort):
 
     def _follow(self) -> None:
         """Have the session open the stream that runs, where it takes another one."""
-        if self._streams.opened is not self.stream.began and self.is_wanted and self.audience is not None:
+        if self._streams.opened is not self.stream.began and self.is_wanted:
             self.audience.restart()
 
     # ------------------------------------------------------------------------------------------ who is there

@@ -56,15 +56,15 @@ class Audience(Protocol):
 class FedPort(Port, ABC):
     """A port at whose other end no device is; needs a running event loop.
 
-    `baudrate` is the speed of the line as it was; 0 where there was none. The session is the `audience`, None as
-    long as it is not known, and takes packets while `is_wanted`. `offset_of` tells the zero-angle offset to add
+    `baudrate` is the speed of the line as it was; 0 where there was none. The session is the `audience`, which is
+    known before it takes packets, as it does while `is_wanted`. `offset_of` tells the zero-angle offset to add
     where the stream has another one.
     """
 
     def __init__(self, name: str, baudrate: int) -> None:
         super().__init__(name, baudrate)
         self.is_live = False
-        self.audience: Audience | None = None
+        self.audience: Audience
         self.is_wanted: bool = False
         self.offset_of: Callable[[float], float] = lambda recorded_deg: recorded_deg
         self.connection_made(_FedLine(self))

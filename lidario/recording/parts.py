@@ -8,8 +8,8 @@ Read together (`lidario.recording.read`) the parts hold the same bytes as one fi
 import contextlib
 import glob
 import logging
-import os
 import re
+import stat
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -161,18 +161,14 @@ def _sizes_of(path: Path) -> dict[Path, int]:
     """The parts that are there, and their sizes. Raises CannotRecord where another recorder writes one of them."""
     name = re.compile(rf"{re.escape(path.stem)}-\d{{8}}T\d{{6}}Z{re.escape(path.suffix)}", re.ASCII)
     found: dict[Path, int] = {}
-    listed: list[os.DirEntry[str]] = []
-    with contextlib.suppress(OSError), os.scandir(path.parent) as entries:
-        listed += entries
-    for entry in listed:
+    for part in map(Path, glob.glob(pattern_of(path))):
         # Another program may remove it just now.
         with contextlib.suppress(OSError):
-            if name.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                part = path.parent / entry.name
+            if name.fullmatch(part.name) and stat.S_ISREG(part.lstat().st_mode):
                 if is_written(part):
                     raise CannotRecord(
                         f"{part} is written by another recorder, whose files would be removed with the oldest of "
                         "this name: give each recorder a name of its own"
                     )
-                found[part] = entry.stat().st_size
+                found[part] = part.stat().st_size
     return found

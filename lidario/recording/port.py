@@ -112,7 +112,7 @@ class ReplayPort(FedPort):
         if not self.is_wanted:
             return
         if not self._rate:
-            if self.audience is None or self.audience.is_waiting:
+            if self.audience.is_waiting:
                 self._timer = self._loop.call_soon(self._play)
             return
         piece, now = self._peek(), self._loop.time()
@@ -134,7 +134,7 @@ class ReplayPort(FedPort):
             if self._rate:
                 if self._due(piece) > self._loop.time():
                     break
-            elif self.audience is not None and not self.audience.is_waiting:
+            elif not self.audience.is_waiting:
                 return
             self._player.take(piece)
             self._reached_ns = piece.at_ns
@@ -142,8 +142,7 @@ class ReplayPort(FedPort):
             self._last_ns = max(self._last_ns, piece.at_ns + self._shift_ns)
             if piece.zero_offset_deg != self._offset_deg:
                 self._offset_deg = piece.zero_offset_deg
-                if self.audience is not None:
-                    self.audience.set_zero_offset(self.offset_of(self._offset_deg), behind=piece.behind)
+                self.audience.set_zero_offset(self.offset_of(self._offset_deg), behind=piece.behind)
             self._played_ns = self._last_ns
             self.data_received(piece.data)
         self._arm()
@@ -170,18 +169,18 @@ class ReplayPort(FedPort):
             elif piece is not None:
                 self._shift_ns = self._last_ns + LOOP_GAP_NS - piece.at_ns
         self._number = 0 if piece is None else piece.stream
-        if self.audience is None or not self.is_open:
+        if not self.is_open:
             return
-        if ended and (not self._again or piece is None or not self._brings_scans(self.audience)):
+        if ended and (not self._again or piece is None or not self._brings_scans()):
             self.audience.finish()
         else:
             self.audience.restart(failed=not ended and self.stream.began.continues)
 
-    def _brings_scans(self, audience: Audience) -> bool:
+    def _brings_scans(self) -> bool:
         """Whether to begin anew: who reads a recording without a full revolution would wait for ever."""
         # The first time a reader may have come when only the end was left.
-        self._in_vain = self._in_vain + 1 if audience.scans == self._scans_before else 0
-        self._scans_before = audience.scans
+        self._in_vain = self._in_vain + 1 if self.audience.scans == self._scans_before else 0
+        self._scans_before = self.audience.scans
         if self._in_vain < MOST_IN_VAIN:
             return True
         self._in_vain = 0

@@ -325,7 +325,7 @@ async def test_a_reader_that_comes_later_is_told_the_latest_zero_offset() -> Non
 def test_responses_that_no_device_gives_are_not_remembered(sent: Sent) -> None:
     assert sent.status is not None
     began = next(event for event in sent.status.about.events if isinstance(event, StreamBegan))
-    streams = RemoteStreams(family_of(sent), sent.status.about, (), began)
+    streams = RemoteStreams(family_of(sent), sent.status.about, (), began, raw=True)
     for size in (10, 100_000):
         streams.learn(Responded(b"\xa5" * size, 4, b"\1"))
         streams.learn(Responded(bytes((1, size & 0xFF)), 4, bytes(size)))
