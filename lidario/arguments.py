@@ -19,6 +19,8 @@ from lidario.errors import InvalidValue
 
 MODERATE = 1e6
 """More than metres, radians and seconds are; the products of such numbers are finite, also in single precision."""
+_MOST_PARTS = 72
+"""Sectors of 5 degrees: the narrowest packet of any format is not much narrower."""
 _MOST_SHOWN = 80
 _MOST_NS = 1 << 62
 _short = reprlib.Repr()
@@ -86,6 +88,21 @@ def nanoseconds(value: object, what: str) -> int:
     if abs(result) > _MOST_NS:
         raise InvalidValue(f"{what} is a time in nanoseconds, of some decades at most, not {shown(value)}")
     return result
+
+
+def parts_of(degrees: object) -> int:
+    """How many sectors of that size a revolution has, if it has a whole number of them and they have 5 degrees."""
+    try:
+        parts = 360.0 / finite(degrees, "the size of a sector")
+        count = round(parts)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        count, parts = 0, math.nan
+    if not 1 <= count <= _MOST_PARTS or not math.isclose(parts, count, rel_tol=1e-6):
+        raise InvalidValue(
+            f"a sector has at least {360 // _MOST_PARTS} degrees, and 360 is a multiple of it; "
+            f"not so {shown(degrees)}"
+        )
+    return count
 
 
 def yes_or_no(value: object, what: str) -> bool:

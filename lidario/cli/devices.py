@@ -14,6 +14,7 @@ import lidario
 import lidario.ros
 from lidario.cli.errors import ExitCode, exit_code_of
 from lidario.cli.output import dump, emit_tables, table
+from lidario.cli.publish import ROUTER
 from lidario.cli.running import run
 from lidario.cli.settings import only_with
 from lidario.cli.streams import emit, message
@@ -23,7 +24,7 @@ from lidario.cli.streams import emit, message
 @click.argument("ports", metavar="[PORT]...", nargs=-1)
 @click.option("--json", "as_json", is_flag=True, help="A list for programs.")
 @click.option("--zenoh", "network", is_flag=True, help="The lidars on the network, instead of the ports.")
-@click.option("--router", default="tcp/localhost:7447", show_default=True, metavar="ADDRESS",
+@click.option("--router", default=ROUTER, show_default=True, metavar="ADDRESS",
               help="With --zenoh: a zenoh router.")  # fmt: skip
 def devices(ports: tuple[str, ...], as_json: bool, network: bool, router: str) -> int:
     """List the ports and the lidars that respond on them.

@@ -12,7 +12,7 @@ from math import radians
 from typing import Any, Final
 
 import lidario.filters as filters
-from lidario.arguments import finite, path_of, shown, text_of
+from lidario.arguments import finite, path_of, shown
 from lidario.errors import InvalidValue
 from lidario.filters.base import Filter
 from lidario.points import Mount
@@ -139,7 +139,7 @@ def _lidar(default: dict[str, Any], own: dict[str, Any], name: str, place: str) 
         for where, table in whose
         for number, each in enumerate(_list(table.get("filters", []), where), 1)
     ]
-    return LidarConfig(mount, None if frame is None else text_of(frame, "a frame"), mode, speed, tuple(made))
+    return LidarConfig(mount, frame, mode, speed, tuple(made))
 
 
 def _mount(value: object, place: str) -> Mount:

@@ -48,7 +48,7 @@ class FileDecoder:
 
     def __iter__(self) -> Iterator[Scan]:
         for scan in self._timed() if self.recording.timed else self._untimed():
-            yield scan.filtered(*self.filters) if self.filters else scan
+            yield scan.filtered(*self.filters)
 
     def _untimed(self) -> Iterator[Scan]:
         stored = self.recording.streams[0]

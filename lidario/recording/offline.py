@@ -181,8 +181,8 @@ def _recognise(data: memoryview, known: Known) -> tuple[Family, RawStream]:
     """Whose stream is in the bytes, and where it begins."""
     families: Sequence[Family] = FAMILIES
     if known.model is not None:
-        known = known._replace(model=text_of(known.model, "the name of a model").casefold())
-        families = families_of_model(known.model or "", known.family)
+        model = text_of(known.model, "the name of a model").casefold()
+        known, families = known._replace(model=model), families_of_model(model, known.family)
     elif known.family is not None:
         families = (family_named(known.family),)
     best: tuple[Family, RawStream] | None = None

@@ -16,7 +16,6 @@ complete, and the scan keeps that number.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Final
 
 from lidario.families.base import Samples
 from lidario.measured import made_of
@@ -41,9 +40,6 @@ from lidario.sector import Sector
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
-
-MOST_PARTS: Final = 72
-"""Sectors of 5 degrees: the narrowest packet of any format is not much narrower."""
 
 
 class SectorAssembler(Assembler):

@@ -1,13 +1,11 @@
 """The streams of a session, as a user begins them: full revolutions, parts of them, a single scan."""
 
-import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from lidario.arguments import callable_of, finite, shown
+from lidario.arguments import callable_of, parts_of, shown
 from lidario.config.read import LidarConfig
 from lidario.errors import InvalidValue, LocalProtocolError
-from lidario.revolution.sectors import MOST_PARTS
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.questions import Questions
@@ -103,22 +101,3 @@ class Streams(Questions):
             text = f"filters are a list, as in filters=[ShadowsFilter()], not {shown(filters)}"
             raise InvalidValue(text) from None
         return (*self.config.filters, *(callable_of(each, "a filter") for each in found))
-
-
-def parts_of(degrees: float) -> int:
-    """How many sectors of that size a revolution has.
-
-    Raises:
-        InvalidValue: 360 degrees are no whole number of them, or they are smaller than 5 degrees.
-    """
-    try:
-        parts = 360.0 / finite(degrees, "the size of a sector")
-        count = round(parts)
-    except (ValueError, ZeroDivisionError, OverflowError):
-        count, parts = 0, math.nan
-    if not 1 <= count <= MOST_PARTS or not math.isclose(parts, count, rel_tol=1e-6):
-        raise InvalidValue(
-            f"a sector has at least {360 // MOST_PARTS} degrees, and 360 is a multiple of it; "
-            f"not so {shown(degrees)}"
-        )
-    return count

@@ -1,17 +1,15 @@
 """Scans and sectors made by hand: for tests of what a program does with them, without any lidar."""
 
-import math
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Scan, Sector
-from lidario.arguments import MODERATE, finite, moderate, nanoseconds, shown, whole
+from lidario.arguments import MODERATE, finite, moderate, nanoseconds, parts_of, shown, whole
 
 _Columns: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None]
 
-SMALLEST_DEGREES = 5.0
 ROUNDING_DEG = 1e-3
 _STAMP_NS = 1_000_000_000
 _WALL_STAMP_NS = 1_700_000_000_000_000_000
@@ -134,9 +132,7 @@ def make_sector(
     clockwise = samples[0]
     degrees, seq = finite(degrees, "the size of a sector"), whole(seq, "seq")
     max_range = moderate(max_range, "max_range")
-    parts = round(360.0 / degrees) if degrees >= SMALLEST_DEGREES else 0
-    if not parts or not math.isclose(360.0 / degrees, parts):
-        raise InvalidValue(f"a sector has at least 5 degrees, and 360 is a multiple of it; not so {degrees!r}")
+    parts = parts_of(degrees)
     order = np.argsort(clockwise, kind="stable")
     middle = 0.0
     if order.size:
