@@ -118,8 +118,7 @@ def scan(
 
 def _sum_up(tally: _Tally) -> None:
     """On stderr, since stdout may hold data."""
-    if tally.lidar is None:
-        return
+    assert tally.lidar is not None
     stats = tally.lidar.stats
     took = time.monotonic() - tally.began
     if sys.stderr.isatty():

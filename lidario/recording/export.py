@@ -128,9 +128,8 @@ def export_mcap(
 
 
 def _messages(made: LaserScans, scans: Iterable[Scan], clock_offset_ns: int) -> Iterator[Copy]:
-    for scan, message in chain(chain.from_iterable(map(made.take, scans)), made.rest()):
-        at_ns = file_time(scan, message, clock_offset_ns)
-        yield at_ns, partial(FileWriter.add_message, at_ns=at_ns, message=message)
+    for ready in chain(chain.from_iterable(map(made.take, scans)), made.rest()):
+        yield file_time(*ready, clock_offset_ns), partial(FileWriter.add_scans, scans=(ready,))
 
 
 def _add(archive: zipfile.ZipFile, name: str, array: np.ndarray[Any, Any]) -> None:

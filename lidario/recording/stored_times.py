@@ -5,6 +5,7 @@ were skipped tell how long, and the clock of the device corrects that, where its
 outages as well of which no byte was stored.
 """
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final
 
@@ -54,7 +55,11 @@ class StoredTimes:
 
     def _dated(self, packets: Packets) -> Packets:
         """As `dated`, where nothing was skipped but before the first of them."""
-        wire, arrivals, done = self._wire, list[Arrival](), 0
+        return Packets(packets.data, packets.blocks, tuple(self._arrivals(packets)), packets.skips)
+
+    def _arrivals(self, packets: Packets) -> Iterator[Arrival]:
+        """When they came."""
+        wire, done = self._wire, 0
         samples = packets.count * wire.pitch if wire.whole else wire.samples_in(packets.blocks)
         if packets.skipped:
             self._samples += packets.skipped * samples / len(packets.data)
@@ -68,18 +73,17 @@ class StoredTimes:
             ]
             for number, (sample_ns, count) in enumerate(zip(told_ns.tolist(), held, strict=True), 1):
                 self._samples += count * sample_ns / self._sample_ns
-                arrivals.append((number, self._came()))
-            return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
+                yield number, self._came()
+            return
         for at, missing in self._corrections(packets):
             self._samples += (at - done) * self._wire.pitch
             samples -= (at - done) * self._wire.pitch
             if at > done and missing > 0:
-                arrivals.append((at, self._came()))
+                yield at, self._came()
             self._samples += missing * self._wire.pitch
             done = at
         self._samples += samples
-        arrivals.append((packets.count, self._came()))
-        return Packets(packets.data, packets.blocks, tuple(arrivals), packets.skips)
+        yield packets.count, self._came()
 
     def _came(self) -> int:
         came_ns = round((self._samples - 1 + DEVICE_DELAY_SAMPLES) * self._sample_ns)

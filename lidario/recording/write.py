@@ -137,13 +137,9 @@ class FileWriter:
     def add_scans(self, scans: Iterable[tuple[Scan, LaserScan]]) -> None:
         """Add the messages of scans, as `LaserScans` makes them."""
         for scan, message in scans:
-            self.add_message(file_time(scan, message, self._about.clock_offset_ns), message)
-
-    def add_message(self, at_ns: int, message: LaserScan) -> None:
-        """Add the message of a scan."""
-        if SCAN_TOPIC not in self._channels:
-            self._register(SCAN_TOPIC, LASERSCAN_TYPE)
-        self._add(SCAN_TOPIC, at_ns, message.to_cdr())
+            if SCAN_TOPIC not in self._channels:
+                self._register(SCAN_TOPIC, LASERSCAN_TYPE)
+            self._add(SCAN_TOPIC, file_time(scan, message, self._about.clock_offset_ns), message.to_cdr())
 
     def add_metadata(self, name: str, texts: dict[str, str]) -> None:
         """Add a named set of texts, beside those of the recording, for who knows the name.
