@@ -76,7 +76,7 @@ class Node:
 
     Attributes:
         name: Its name.
-        namespace: Such as ``/robot1``; ``/`` for none.
+        namespace: Such as ``/robot1``, also given without the slash; ``/`` for none.
         domain: ``ROS_DOMAIN_ID``.
         distro: Which release of ROS 2 the other nodes are of.
 
@@ -90,11 +90,11 @@ class Node:
     distro: Distro = "jazzy"
 
     def __post_init__(self) -> None:
+        if text_of(self.namespace, "a namespace") != "/":
+            object.__setattr__(self, "namespace", qualified(self.namespace, "/"))
         text_of(self.name, "the name of a node")
         if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST:
             raise InvalidValue(f"{self.name!r} is not the name of a node: letters, digits and _ are")
-        if self.namespace != "/":
-            qualified(self.namespace, "/")
         if not 0 <= whole(self.domain, "a domain") <= MOST_DOMAIN:
             raise InvalidValue(f"a domain is a number from 0 to {MOST_DOMAIN}, not {shown(self.domain)}")
         if text_of(self.distro, "a release of ROS 2") not in DISTROS:

@@ -35,7 +35,6 @@ from lidario.ros.names import (
     MessageType,
     Node,
     gid_of,
-    qualified,
 )
 from lidario.scan import Scan
 from lidario.session.lidar import Lidar
@@ -107,8 +106,7 @@ class Publisher(Broadcast):
         clock: bool = False,
     ) -> None:
         super().__init__(lidar, router, robot)
-        text_of(namespace, "a namespace")
-        self._node = Node(node, "/" if namespace == "/" else qualified(namespace, "/"), domain, distro)
+        self._node = Node(node, namespace, domain, distro)
         self.topic = self._node.topic(topic)
         self.key: str = self._node.data_key(self.topic, LASERSCAN)
         self._messages = LaserScans(
