@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DecodedRevolution", "Decoder", "Device", "Family", "Keepalive", "Known", "NamedModel", "RawStream",
-    "Samples", "Script", "Stream", "Timing", "raw_stream",
+    "Samples", "Script", "Stream", "T", "Timing", "raw_stream",
 ]  # fmt: skip
 
 T = TypeVar("T")

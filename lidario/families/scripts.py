@@ -11,16 +11,15 @@ it as an error.
 
 import struct
 from collections.abc import Callable
-from typing import Final, TypeVar
+from typing import Final
 
 from lidario.arguments import finite
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
-from lidario.families.base import Script
+from lidario.families.base import Script, T
 from lidario.model import Health, HealthStatus
 from lidario.wire.envelope import Expected, Request
 from lidario.wire.formats import StreamFormat
 
-T = TypeVar("T")
 STATUSES: Final = (HealthStatus.OK, HealthStatus.WARNING, HealthStatus.ERROR)
 """Health by its number, the same in every family so far."""
 HEAR_S: Final = 0.5  # longest wait for the packets that identify a device

@@ -1,6 +1,7 @@
 """Describes a stream for the session: one that was just started, or one among recorded bytes."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -93,6 +94,15 @@ class RawStream(NamedTuple):
     stream: Stream  # the stream
     title: str = ""  # the model, for people; empty if neither the bytes nor the user told it
     guess: str = ""  # what the model was taken for, and what else it may be; empty if nothing had to be guessed
+
+
+def runs_in(data: memoryview, wire: StreamFormat, packets: int) -> Iterator[tuple[int, bytearray]]:
+    """The places in recorded bytes where an intact packet begins, each with the bytes of so many `packets`."""
+    for found in wire.header.finditer(data):
+        at = found.start()
+        run = bytearray(data[at : at + packets * wire.longest])
+        if wire.run(run, 0).packets:
+            yield at, run
 
 
 def raw_stream(

@@ -24,6 +24,7 @@ from lidario.families.base import (
     raw_stream,
 )
 from lidario.families.scripts import HEAR_S, LINKED, NOT_STOPPED, begin, frequency_within, hear, hear_runs, told
+from lidario.families.stream import runs_in
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
@@ -122,13 +123,8 @@ class Talkers:
         """As `Family.find_stream`: finds the first packets in a row, which may tell the model."""
         named = self.models[known.model] if known.model else None
         for made in self.wires_of(named):
-            wire = made()
-            for found in wire.header.finditer(data):
-                at = found.start()
-                rows = bytearray(data[at : at + (self.heard + 1) * wire.longest])
-                if not wire.run(rows, 0).packets:
-                    continue
-                count, heard = made().packets_in(rows)
+            for at, run in runs_in(data, made(), self.heard + 1):
+                count, heard = made().packets_in(run)
                 # Two packets are needed even if one would be proof enough of the format: one tells no model.
                 if count >= LINKED:
                     model = self.model_of(named, heard)

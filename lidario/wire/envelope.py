@@ -88,16 +88,12 @@ class Request:
             and expects.size <= descriptor.size <= max(expects.size, expects.largest)
             and descriptor.continuous == expects.continuous
         )
-        return expected or (
-            descriptor.continuous and self.announced_by(descriptor.type, descriptor.size) is not None
-        )
+        return expected or (descriptor.continuous and self.announced_by(descriptor) is not None)
 
-    def announced_by(self, response_type: int, size: int) -> StreamFormat | None:
-        """The format among `others` that a descriptor of this type and length announces; None if there is none."""
-        for each in self.others:
-            if each.response_type == response_type and each.shortest == size:
-                return each
-        return None
+    def announced_by(self, descriptor: Descriptor) -> StreamFormat | None:
+        """The format among `others` that the descriptor of a stream announces; None if there is none."""
+        told = descriptor.type, descriptor.size
+        return next((each for each in self.others if (each.response_type, each.shortest) == told), None)
 
 
 def xor_bytes(data: bytes | bytearray) -> int:
@@ -170,7 +166,7 @@ def find_descriptor(data: bytearray, request: Request) -> tuple[int, Descriptor 
             return len(data) - data.endswith(DESCRIPTOR_MAGIC[:1]), None
         if len(data) - place < DESCRIPTOR_SIZE:
             return place, None
-        descriptor = parse_descriptor(bytes(data[place : place + DESCRIPTOR_SIZE]))
+        descriptor = parse_descriptor(data[place : place + DESCRIPTOR_SIZE])
         if descriptor is not None and request.admits(descriptor):
             return place, descriptor
         at = place + 1

@@ -52,6 +52,11 @@ Headings: TypeAlias = Sequence[int] | NDArray[np.integer[Any]]
 """Start angles of consecutive packets, with the two flags: a list if they are few, else an array."""
 
 
+def headings_of(angles: NDArray[np.integer[Any]]) -> Headings:
+    """The headings of packets, by their start angles."""
+    return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
+
+
 class Ticks(NamedTuple):
     """How the clock of a device counts, if packets carry its stamps."""
 
@@ -138,7 +143,7 @@ class StreamFormat(ABC):
         """Samples in packets of these sizes. Default: every packet has `samples`."""
         return self.samples * sum([packets for _, packets in blocks])
 
-    def mend(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
+    def mend(self, data: bytearray, at: int) -> bool:  # noqa: ARG002
         """Repair in `data` the damaged packet that is due at `at`, if its check value shows how. Default: never."""
         return False
 
@@ -182,9 +187,7 @@ class StreamFormat(ABC):
             if record:
                 return Stretch((), at, at + record)
             size = self.measure(data, at) if at < len(data) else 0
-            if not size or size > len(data) - at:
-                return Stretch((), at, at)
-            if size == NO_PACKET and self.other_record(data, at) == 0:
+            if not size or size > len(data) - at or (size == NO_PACKET and self.other_record(data, at) == 0):
                 return Stretch((), at, at)
             self._in_step, self._last_end, self._other_end = False, 0, 0
         noise = self._end_of_noise(data, at)
@@ -225,7 +228,7 @@ class StreamFormat(ABC):
                     self._in_step = True
                     return place
             elif size != NO_PACKET and self._due_in(place - at, self._last_end) == 0:
-                if self.mend(data, place, size):
+                if self.mend(data, place):
                     self._in_step = True
                     return place
                 self._last_end = place + size - at

@@ -142,7 +142,6 @@ class Link:
         elif request.expects is not None and not request.in_stream:
             self._pending = request
             self._format = request.stream if request.packets else None
-            self._heard, self._heard_packets = b"", 0
             self.state = LinkState.AWAIT_RESPONSE
         elif request.stream is not None:
             self.enter_stream(request.stream)
@@ -222,16 +221,12 @@ class Link:
             if blocks:
                 self._heard += bytes(data[at:middle])
                 self._heard_packets += sum(packets for _, packets in blocks)
+                if self._heard_packets >= request.packets:
+                    self._drop(at)
+                    self._unasked = True
+                    self._take_response(self._heard, middle - at)
+                    return
                 self.stats.response_bytes += middle - at
-            if self._heard_packets >= request.packets:
-                self._drop(middle)
-                self._unasked = True
-                if self._abandoned:
-                    self.stats.late_responses += 1
-                else:
-                    self._events.append(Response(self._heard))
-                self._end_waiting()
-                return
             self.stats.stray_bytes += end - middle
             at = end
         self._drop(at)
@@ -257,12 +252,12 @@ class Link:
             return
         self._end_waiting()
         self._events.append(descriptor)
-        self._format = request.announced_by(descriptor.type, descriptor.size) or request.stream
+        self._format = request.announced_by(descriptor) or request.stream
         self.state = LinkState.STREAMING
 
     def _end_waiting(self) -> None:
         self._pending = self._format = None
-        self._heard = b""
+        self._heard, self._heard_packets = b"", 0
         self._abandoned = False
         self.state = LinkState.IDLE
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
+from lidario.wire.formats import NO_PACKET, Headings, StreamFormat, Stretch, headings_of
 
 
 class RowFormat(StreamFormat):
@@ -96,8 +96,7 @@ class LayoutFormat(RowFormat):
         return self.check.holds(data, at)
 
     def headings(self, packets: Packets) -> Headings:
-        angles = self.angles_of(np.frombuffer(packets.data, self.layout))
-        return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
+        return headings_of(self.angles_of(np.frombuffer(packets.data, self.layout)))
 
     def other_record(self, data: bytearray, at: int) -> int:
         """As `StreamFormat.other_record`: a packet that says that the rotor is not up to speed."""

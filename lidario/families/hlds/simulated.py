@@ -58,14 +58,12 @@ def pack_packet(
     intensities: Sequence[int],
     *,
     rpm: float = 300.0,
-    reserved: int = 0,
     check: bytes | None = None,
 ) -> bytes:
     """Pack one measurement packet of six samples; by default, `check` is 255 less the sum of all others, twice."""
     body = bytes((0xFA, 0xA0 + index)) + round(rpm * 10).to_bytes(2, "little")
     for distance, intensity in zip(millimetres, intensities, strict=True):
-        for word in (int(intensity), round(float(distance)), reserved):
-            body += word.to_bytes(2, "little")
+        body += int(intensity).to_bytes(2, "little") + round(float(distance)).to_bytes(2, "little") + bytes(2)
     if check is None:
         check = bytes((255 - sum(body) % 256,)) * 2
     return body + check

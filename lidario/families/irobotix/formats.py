@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from lidario.wire.blocks import Block, packet_offsets
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat
+from lidario.wire.formats import NO_PACKET, Headings, StreamFormat, headings_of
 
 MARK: Final = b"\xaa\x00"
 FIXED: Final = 0x61
@@ -93,8 +93,7 @@ class FrameFormat(StreamFormat):
         return _sum_holds(data, at, size)
 
     def headings(self, packets: Packets) -> Headings:
-        starts = frames_of(packets.data, packet_offsets(packets.blocks))[0]
-        return starts if len(starts) >= HEADINGS_WORTH_AN_ARRAY else starts.tolist()
+        return headings_of(frames_of(packets.data, packet_offsets(packets.blocks))[0])
 
     @classmethod
     def sample_us(cls, packets: bytes) -> float:

@@ -44,8 +44,9 @@ class PacketFormat(DegreeFormat):
     )
     marks: tuple[bytes, ...] = (b"\xfa", bytes(range(0xA0, 0xFA)))
     check: Check = Fold15(10)
-    told_by: int = 4
+    told_by = 4
     an_rpm: float = 64
+    slowest: int = SLOWEST  # the speed below which packets are records
 
     @classmethod
     def returns_of(cls, rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -55,10 +56,10 @@ class PacketFormat(DegreeFormat):
 
     def _turns(self, data: bytearray, at: int) -> bool:
         # The low byte of that limit is 0: the high byte tells.
-        return data[at + 3] >= SLOWEST >> 8
+        return data[at + 3] >= self.slowest >> 8
 
-    def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_] | bool:
-        turning: NDArray[np.bool_] = rows["speed"] >= SLOWEST
+    def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
+        turning: NDArray[np.bool_] = rows["speed"] >= self.slowest
         return turning
 
 
@@ -72,10 +73,4 @@ class BackFormat(PacketFormat):
 class AnySpeed(PacketFormat):
     """The same packets, also those that are records there: what tells that the rotor is too slow."""
 
-    told_by: int = 2
-
-    def _turns(self, data: bytearray, at: int) -> bool:  # noqa: ARG002
-        return True
-
-    def _turning(self, rows: NDArray[Any]) -> NDArray[np.bool_] | bool:  # noqa: ARG002
-        return True
+    slowest: int = 0

@@ -16,23 +16,21 @@ from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
 from lidario.model import ScanMode
-from lidario.wire.envelope import DESCRIPTOR_MAGIC, DESCRIPTOR_SIZE, parse_descriptor
+from lidario.wire.envelope import DESCRIPTOR_MAGIC
 from lidario.wire.formats import StreamFormat
 
 _USUAL_US: Final = {0x81: 62.5, 0x82: 125.0, 0x83: 100.0, 0x84: 62.5, 0x85: 31.25, 0x86: 31.25}
-_DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb".{3}\x40.", re.DOTALL)
-"""Pattern of stream descriptors, if the length is below 2 to the power of 24."""
+_DESCRIPTORS: Final = re.compile(re.escape(DESCRIPTOR_MAGIC) + rb"(.{3})\x40(.)", re.DOTALL)
+"""Pattern of stream descriptors, if the length is below 2 to the power of 24: length and response type."""
 
 
 def find_stream(data: memoryview, known: Known) -> RawStream | None:
     """As `Family.find_stream`: behind the first descriptor of one of the six formats."""
     for found in _DESCRIPTORS.finditer(data):
-        descriptor = parse_descriptor(bytes(found.group()))
-        wire = None if descriptor is None else FORMATS.get(descriptor.type)
-        if descriptor is not None and wire is not None and descriptor.size == wire.shortest:
-            kind = descriptor.type
-            sample_us = known.sample_us or _USUAL_US[kind]
-            return raw_stream(found.start() + DESCRIPTOR_SIZE, wire(), DECODERS[kind](), sample_us)
+        size, kind = int.from_bytes(found[1], "little"), found[2][0]
+        wire = FORMATS.get(kind)
+        if wire is not None and size == wire.shortest:
+            return raw_stream(found.end(), wire(), DECODERS[kind](), known.sample_us or _USUAL_US[kind])
     return None
 
 

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from lidario.families.arcs import ArcDecoder, Output, at_equal_steps, in_turn
 from lidario.families.base import Decoder
 from lidario.families.rplidar.cabins import express_cabins, near_range_corrections, ultra_cabins, ultra_dense_cabins
+from lidario.families.rplidar.chains import FULL_TURN_Q6
 from lidario.families.rplidar.formats import (
     ANGLE_MASK,
-    FULL_TURN_Q6,
     FULL_TURN_Q14,
     HQ,
     CapsuleFormat,

@@ -16,13 +16,13 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.families.rplidar.chains import FULL_TURN_Q6
 from lidario.families.rplidar.nodes import NodeFormat
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import HEADINGS_WORTH_AN_ARRAY, NO_PACKET, RESTARTS, Headings, StreamFormat, Stretch
+from lidario.wire.formats import NO_PACKET, RESTARTS, Headings, StreamFormat, Stretch, headings_of
 from lidario.wire.rows import RowFormat, row_begins
 
-FULL_TURN_Q6: Final = 360 << 6
 FULL_TURN_Q14: Final = 65536
 ANGLE_MASK: Final = 0x7FFF
 STREAM_START_BIT: Final = 0x8000
@@ -175,11 +175,11 @@ class HqFormat(StreamFormat):
         """As `StreamFormat.run`; a packet with one flipped bit is repaired in `data`."""
         size, begin = self.shortest, at
         last = len(data) - size
-        while at <= last and data[at] == 0xA5 and (not _crc_off(data, at) or self.mend(data, at, size)):
+        while at <= last and data[at] == 0xA5 and (not _crc_off(data, at) or self.mend(data, at)):
             at += size
         return Stretch((Block(size, (at - begin) // size),) if at > begin else (), at, at)
 
-    def mend(self, data: bytearray, at: int, size: int) -> bool:  # noqa: ARG002
+    def mend(self, data: bytearray, at: int) -> bool:
         bit = _single_bits().get(_crc_off(data, at))
         if bit is None:
             return False
@@ -187,8 +187,7 @@ class HqFormat(StreamFormat):
         return True
 
     def headings(self, packets: Packets) -> Headings:
-        angles = np.frombuffer(packets.data, HQ)["nodes"]["angle"][:, 0].astype(np.int32)
-        return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
+        return headings_of(np.frombuffer(packets.data, HQ)["nodes"]["angle"][:, 0].astype(np.int32))
 
 
 FORMATS: Final[dict[int, type[StreamFormat]]] = {

@@ -43,7 +43,7 @@ from lidario.families.rplidar.chains import (
 )
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
-from lidario.wire.formats import BEGINS, HEADINGS_WORTH_AN_ARRAY, NO_PACKET, Headings, StreamFormat, Stretch
+from lidario.wire.formats import BEGINS, NO_PACKET, Headings, StreamFormat, Stretch, headings_of
 
 PHASES_BACK: Final = 4  # this many nodes in the old phase are tried before other phases
 WORTH_AN_ARRAY: Final = 16
@@ -96,7 +96,7 @@ class NodeFormat(StreamFormat):
             for place in (nodes["quality"] & 1).nonzero()[0].tolist():
                 if is_far(int(angles[place])):
                     angles[place] |= BEGINS
-        return angles if len(angles) >= HEADINGS_WORTH_AN_ARRAY else angles.tolist()
+        return headings_of(angles)
 
     def run(self, data: bytearray, at: int) -> Stretch:
         """Nodes from `at` that continue the last accepted angle, and each other."""

@@ -90,9 +90,9 @@ class Control(NamedTuple):
 class CloudDecoder(ArcDecoder):
     """Decodes the packets of one stream; without a `kind`, those of a 4ROS."""
 
-    def __init__(self, kind: Kind | None = None) -> None:
+    def __init__(self, kind: Kind = KINDS["tg"]) -> None:
         super().__init__(FULL_TURN_Q6, ToldWheel(FULL_TURN_Q6, LEAST_SAMPLES))
-        self._kind = kind or KINDS["tg"]
+        self._kind = kind
         self.has_intensity: bool = bool(self._kind.bits)
         self._seam: int | None = None  # where the last start packet stood
         # Samples of an ordinary packet; or of the longest one, if so few came that all may be short.

@@ -24,10 +24,10 @@ two STOPs, without a response.
 import struct
 from contextlib import suppress
 from dataclasses import replace
-from typing import Final, TypeVar
+from typing import Final
 
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
-from lidario.families.base import Device, Keepalive, Script, Stream
+from lidario.families.base import Device, Keepalive, Script, Stream, T
 from lidario.families.scripts import (
     HEAR_S,
     NOT_STOPPED,
@@ -47,7 +47,6 @@ from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat
 
-T = TypeVar("T")
 SPIN_UP_S: Final = 4.0  # no document says how long the motor takes; 2.5 s are assumed, and a margin added
 SLOWEST_TURN_S: Final = 0.5
 """One revolution at the lowest speed that a start packet can tell, 3 Hz, and half as long again."""

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from lidario.families.base import Decoder, Known, RawStream, raw_stream
+from lidario.families.stream import runs_in
 from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FORMATS, FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
 from lidario.families.ydlidar.models import MODELS, Model
@@ -72,13 +73,13 @@ def find_stream(data: memoryview, known: Known) -> RawStream | None:
     named = MODELS[known.model] if known.model else None
     found: list[tuple[int, type[PointCloud]]] = []
     # Mostly a stream begins soon: the formats that it does not have are not looked for to the end of the data.
-    for searched in (data[:_MEASURED], data):
+    for near in (data[:_MEASURED], data):
         for made in FORMATS if named is None else (named.kind.wire,):
-            wire = made()
             # A later packet does not count.
-            place = _first_packet(searched if not found else data[: found[0][0] + wire.longest], wire)
-            if place is not None:
-                found.append((place, made))
+            searched = near if not found else data[: found[0][0] + made.longest]
+            first = next(runs_in(searched, made(), 1), None)
+            if first is not None:
+                found.append((first[0], made))
         if found:
             break
     else:
@@ -112,15 +113,6 @@ def _told(before: memoryview, *, responds: bool) -> list[Model]:
     at = bytes(before).rfind(INFO_HEADER)
     code = before[at + len(INFO_HEADER)] if 0 <= at < len(before) - len(INFO_HEADER) else -1
     return [model for model in _MODELS if code in model.codes and not (responds and model.one_way)]
-
-
-def _first_packet(data: memoryview, wire: PointCloud) -> int | None:
-    for found in wire.header.finditer(data):
-        packet = bytearray(data[found.start() : found.start() + wire.longest])
-        size = wire.measure(packet, 0)
-        if 0 < size <= len(packet) and wire.intact(packet, 0, size):
-            return found.start()
-    return None
 
 
 def turn_in(data: memoryview, wire: PointCloud) -> Turn:
