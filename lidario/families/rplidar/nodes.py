@@ -163,8 +163,10 @@ class NodeFormat(StreamFormat):
         if len(data) - at < WINDOW:
             return None
         if self._last is not None:
+            last = heading_at(self._last, 0)
             for place in range(at, at + PHASES_BACK * SIZE, SIZE):
-                if self._near(data, place) and chain_steps(data, place, CHAIN_IN_PHASE, self._mark) is not None:
+                is_chain = chain_steps(data, place, CHAIN_IN_PHASE, self._mark) is not None
+                if is_chain and ahead_of(last, data, place) <= NEAR_Q6:
                     return place
         standing = -1
         for place in range(at, at + SIZE):
@@ -179,14 +181,6 @@ class NodeFormat(StreamFormat):
         last = None if self._last is None else heading_at(self._last, 0)
         place = next_chain(data, at, last, self._mark)
         return len(data) if place is None else max(at, place - (PHASES_BACK - 1) * SIZE)
-
-    def _near(self, data: bytearray, place: int) -> bool:
-        last = self._last
-        return (
-            last is not None
-            and self.measure(data, place) == SIZE
-            and ahead_of(heading_at(last, 0), data, place) <= NEAR_Q6
-        )
 
     def _goes_on(self, data: bytearray, at: int) -> bool:
         """Whether the node at `at` is a small step ahead of the one before; its mark is ignored."""
