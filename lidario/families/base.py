@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from lidario.errors import Unsupported
 from lidario.families.samples import DecodedRevolution, Decoder, Samples
-from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream
+from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream, runs_in
 from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request, encode_descriptor
 from lidario.wire.events import Descriptor
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DecodedRevolution", "Decoder", "Device", "Family", "Keepalive", "Known", "NamedModel", "RawStream",
-    "Samples", "Script", "Stream", "T", "Timing", "raw_stream",
+    "Samples", "Script", "Stream", "T", "Timing", "raw_stream", "runs_in",
 ]  # fmt: skip
 
 T = TypeVar("T")

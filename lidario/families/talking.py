@@ -22,9 +22,9 @@ from lidario.families.base import (
     Stream,
     Timing,
     raw_stream,
+    runs_in,
 )
 from lidario.families.scripts import HEAR_S, LINKED, NOT_STOPPED, begin, frequency_within, hear, hear_runs, told
-from lidario.families.stream import runs_in
 from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor

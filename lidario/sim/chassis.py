@@ -17,7 +17,7 @@ from lidario.sim.world import CheckedWorld, World, WorldLike, as_world
 PROTECTION_STOP = 2
 """The health status of a device that has stopped because of an error; the same number in every family so far."""
 
-_FOREVER = 1 << 62  # nanoseconds; more than a century
+FOREVER = 1 << 62  # nanoseconds; more than a century
 
 StreamT = TypeVar("StreamT")
 DeviceT = TypeVar("DeviceT", covariant=True)
@@ -138,7 +138,7 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
         """From `now` on neither send nor obey anything, until the next `reboot`; the rotor goes on turning."""
         self._advance(now)
         self._forget(now)
-        self._deaf_until, self._deaf_why = _FOREVER, "frozen"
+        self._deaf_until, self._deaf_why = FOREVER, "frozen"
 
     def protection_stop(self, error_code: int) -> None:
         """Fail: the stream and the motor stop, and health reports the error until a RESET clears it."""
@@ -165,7 +165,7 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
 
     def _forget(self, now: int) -> None:
         """Drop the stream, the responses and the bytes that have not left."""
-        self._stream = None
+        self._end_stream(now)
         self._queue.cut(now)
         self._outstanding_until = 0
 
@@ -179,10 +179,12 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
             return before or response
         return response
 
-    def _respond_with(self, response: bytes, ready: int, request: str) -> None:
-        """Send the response to a request, or its descriptor where a stream follows."""
-        self._queue.push(response, ready)
+    def _respond(self, response: bytes, now: int, request: str) -> int:
+        """Respond to a request that ends at `now`, be it by a descriptor; returns when that begins to leave."""
+        at = self._response_at(now)
+        self._queue.push(response, at)
         self._outstanding_until, self._outstanding_request = self._queue.free_at, request
+        return at
 
     def _outstanding(self, now: int) -> str:
         """Which response has not left completely by `now`, in the words of the log; empty when none."""

@@ -10,6 +10,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+Floats = npt.NDArray[np.float64]
+
 _STABLE = 0.02
 _PLACES = 36
 """Places of a turn between which the speed of an uneven rotor changes."""
@@ -83,7 +85,7 @@ class Motor:
         fade = math.exp(-(now - self._since) * 1e-9 / self._tau)
         return (self._target + (self._rate - self._target) * fade) * 60.0
 
-    def turns(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def turns(self, times: Floats) -> Floats:
         """Where the head stands at each time, in revolutions since the beginning; the fraction is the angle.
 
         Times are float64 (n,), nanoseconds, ascending; of a packet that the last `set_rpm` came upon, also before
@@ -94,7 +96,17 @@ class Motor:
             angle += np.interp(angle % 1.0 * _PLACES, np.arange(_PLACES + 1), self._ahead)
         return angle
 
-    def _even(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def sampled(self, origin: int, first: int, count: int, sample_ns: float) -> tuple[Floats, Floats]:
+        """Where the head stands at so many samples from number `first` on, as `turns` has it, and their times.
+
+        The n-th sample is taken at ``origin + n * sample_ns``: a function of n alone.
+        """
+        times = np.arange(first, first + count, dtype=np.float64)
+        times *= sample_ns
+        times += origin
+        return self.turns(times), times
+
+    def _even(self, times: Floats) -> Floats:
         seconds = (times - self._since) * 1e-9
         angle = seconds * self._target + self._turns
         lag = (self._rate - self._target) * self._tau

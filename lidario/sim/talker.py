@@ -12,12 +12,11 @@ from typing import Final, Generic, TypeVar, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from lidario.sim.chassis import Chassis, Making
+from lidario.sim.chassis import FOREVER, Chassis, Making
 from lidario.sim.motor import Motor
 
 Floats = npt.NDArray[np.float64]
 
-_BLOCKED: Final = 1 << 62
 _LATEST_NS: Final = 5_000_000_000
 """A packet that is not made within this time never is: the rotor does not turn."""
 _TOGETHER: Final = 12  # packets that are made together
@@ -99,7 +98,7 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         at = super().wakeup(now)
         if at is None and self._up is not None and now < self._up:
             at = self._up
-        return at if at is not None and at < _BLOCKED else None
+        return at if at is not None and at < FOREVER else None
 
     def _due(self, stream: Running) -> int:
         return stream.ready
@@ -111,14 +110,10 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         self.motor.set_rpm(rpm, now)
         self._begin(now)
 
-    def protection_stop(self, error_code: int) -> None:
-        """Fail: nothing leaves until the power was cut."""
-        super().protection_stop(error_code)
-        self._up = _BLOCKED
-
-    def freeze(self, now: int) -> None:
-        super().freeze(now)
-        self._up = _BLOCKED
+    def halt(self, now: int) -> None:
+        """As `Chassis.halt`; nothing more, until it is started, or its power was cut."""
+        super().halt(now)
+        self._up = 0
 
     @abstractmethod
     def _begin(self, origin: int) -> None:
@@ -138,9 +133,9 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
     def _advance(self, now: int) -> None:
         self._power(now)
         self._now = now = max(self._now, now)
-        starting = self._stream is None and self.motor.target_rpm <= 0 and self._up
-        if starting and self._up is not None and self._deaf_until <= self._up <= now:
-            self._start(self._up)
+        up, stands = self._up, self._stream is None and self.motor.target_rpm <= 0
+        if up and stands and self._deaf_until <= up <= now:
+            self._start(up)
         while self._stream is not None and self._stream.ready <= now:
             self._make(self._stream)
 
@@ -149,11 +144,6 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
         self._queue.push(self._greeting(), at)
         self.motor.set_rpm(self._rpm, at)
         self._begin(at if self.profile.early else max(at, self.motor.stable_at or 0))
-        self._up = 0
-
-    def _stop(self, now: int) -> None:
-        """It was stopped: nothing more, until it is started."""
-        self.halt(now)
         self._up = 0
 
     def _restart(self, now: int, up: int) -> None:
@@ -186,7 +176,7 @@ class PacedByAngle(Talker[ProfileT]):
             early, late = np.where(is_there, early, middle), np.where(is_there, middle, late)
         before, behind = self.motor.turns(early), self.motor.turns(late)
         late -= (late - early) * (behind - turns) / np.maximum(behind - before, 1e-12)
-        return [round(at) if at < begin + _LATEST_NS - 1 else _BLOCKED for at in late.tolist()]
+        return [round(at) if at < begin + _LATEST_NS - 1 else FOREVER for at in late.tolist()]
 
     def _make(self, stream: Running) -> None:
         rpm = self.motor.rpm(stream.ready)
@@ -201,7 +191,7 @@ class PacedByAngle(Talker[ProfileT]):
         beams = turned.ravel() * (-360.0 if self.profile.back else 360.0) % 360.0
         seen = within(self._world.ranges_mm(beams, np.minimum(seconds, seconds[0] + 1.0)), self.profile.reach_mm)
         for number, at, row in zip(numbers.tolist(), ready, seen.reshape(-1, samples), strict=True):
-            if at >= _BLOCKED:
+            if at >= FOREVER:
                 break
             # With a period it can be taken back.
             data = self._pack(number % self.profile.slots, row, self.motor.rpm(at))
@@ -224,12 +214,10 @@ class PacedByTime(Talker[ProfileT]):
         return origin + round((packet + 1) * self.profile.samples * 1e9 / self.profile.rate)
 
     def _make(self, stream: Running) -> None:
+        rows, sample_ns = (_TOGETHER, self.profile.samples), 1e9 / self.profile.rate
         first = stream.packets * self.profile.samples
-        numbers = np.arange(first, first + _TOGETHER * self.profile.samples, dtype=np.float64)
-        times = stream.origin + numbers * (1e9 / self.profile.rate)
-        rows = (_TOGETHER, self.profile.samples)
-        rpm = self.motor.rpm(int(times[0]))
-        data = self._pack(self.motor.turns(times).reshape(rows), times.reshape(rows) * 1e-9, rpm)
+        turns, times = self.motor.sampled(stream.origin, first, _TOGETHER * self.profile.samples, sample_ns)
+        data = self._pack(turns.reshape(rows), times.reshape(rows) * 1e-9, self.motor.rpm(int(times[0])))
         period = round(self.profile.samples * 1e9 / self.profile.rate)
         self._queue.push(data, stream.ready, size=len(data) // _TOGETHER, period=period)
         stream.packets += _TOGETHER

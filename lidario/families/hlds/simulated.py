@@ -39,7 +39,7 @@ class SimulatedHlds(PacedByAngle[TalkerProfile]):
             if name is None:
                 continue
             if not why and name == "stop":
-                self._stop(now)
+                self.halt(now)
             elif not why and self._stream is None:
                 self._start(now)
             self.log.add(now, name, bytes((byte,)), why)

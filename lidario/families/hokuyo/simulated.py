@@ -87,13 +87,13 @@ class _Stream:
     """What is measured, until it is told to stop."""
 
     echo: str
-    word: str
     first: int
     last: int
     cluster: int
-    every: int
-    left: int | None
-    begins: int  # the next scan that is not built yet
+    begins: int  # when the next scan that is not built yet does
+    lasts: int  # nanoseconds of a scan
+    every: int = 1
+    left: int = 0  # scans that are still to come; 0: it does not end
 
 
 class SimulatedHokuyo(Chassis[Profile, _Stream]):
@@ -216,12 +216,12 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
             self._respond(pack_status(text.encode(), b"00"), now, text)
         origin = max(self._response_at(now), self.motor.stable_at or 0)
         first, last, cluster = int(found[2]), int(found[3]), max(int(found[4]), 1)
+        stream = _Stream(text, first, last, cluster, origin, round((last - first + 1) * self._step_ns))
         if word[0] == "G":
-            stream = _Stream(text, word, first, last, cluster, 1, 1, origin)
-            self._respond(self._block(stream, origin, 0).replace(b"\n99b\n", b"\n00P\n", 1), origin, text)
+            self._respond(self._block(stream).replace(b"\n99b\n", b"\n00P\n", 1), origin, text)
         else:
-            count = int(found[6])
-            self._stream = _Stream(text, word, first, last, cluster, int(found[5]) + 1, count or None, origin)
+            stream.every, stream.left = int(found[5]) + 1, int(found[6])
+            self._stream = stream
         return ""
 
     def _state(self) -> str:
@@ -245,38 +245,33 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         self._adjusting = begins
         return "00"
 
-    def _respond(self, response: bytes, now: int, request: str) -> None:
-        self._respond_with(response, self._response_at(now), request)
-
     def _clock(self, now: int) -> int:
         return (now + self._clock_ns) // 1_000_000 % (1 << 24)
 
     def _due(self, stream: _Stream) -> int:
-        """When the next scan that is not built yet will have been measured."""
-        return stream.begins + round((stream.last - stream.first + 1) * self._step_ns)
+        return stream.begins + stream.lasts
 
     def _advance(self, now: int) -> None:
         self._now = now = max(self._now, now)
         while (stream := self._stream) is not None and self._due(stream) <= now:
-            left = 0 if stream.left is None else stream.left - 1
-            self._queue.push(self._block(stream, stream.begins, left), self._due(stream))
+            self._queue.push(self._block(stream), self._due(stream))
             stream.begins += stream.every * self._period
-            if stream.left is not None:
-                stream.left = left
-                self._stream = stream if left else None
+            if stream.left:
+                stream.left -= 1
+                self._stream = stream if stream.left else None
 
-    def _block(self, stream: _Stream, begins: int, left: int) -> bytes:
+    def _block(self, stream: _Stream) -> bytes:
         of = self.profile
         steps = np.arange(stream.first, stream.last + 1)
-        times = begins + (steps - stream.first).astype(np.float64) * self._step_ns
+        times = stream.begins + (steps - stream.first).astype(np.float64) * self._step_ns
         mm = self._world.ranges_mm((of.front - steps).astype(np.float64) * (360.0 / of.turn), times * 1e-9)
         mm = np.where((mm < of.reach_mm[0]) | (mm > of.reach_mm[1]), of.nothing, np.rint(mm))
         strength = np.where((mm >= of.reach_mm[0]) & (mm <= of.reach_mm[1]), np.clip(4000 - mm / 10, 200, 4000), 0)
         values = self._joined(mm, stream.cluster)
-        if stream.word[1] == "E":
+        if stream.echo[1] == "E":
             values = np.stack((values, self._joined(strength, stream.cluster)), axis=1).ravel()
-        echo = stream.echo if stream.word[0] == "G" else f"{stream.echo[:-2]}{left:02}"
-        return pack_block(echo.encode(), self._clock(begins), values)
+        echo = stream.echo if stream.echo[0] == "G" else f"{stream.echo[:-2]}{max(stream.left - 1, 0):02}"
+        return pack_block(echo.encode(), self._clock(stream.begins), values)
 
     @staticmethod
     def _joined(numbers: npt.NDArray[np.float64], cluster: int) -> npt.NDArray[np.int64]:

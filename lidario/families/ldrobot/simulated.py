@@ -127,20 +127,19 @@ class SimulatedLdrobot(PacedByTime[Profile]):
         name = _NAMES[request[1]]
         if not why:
             self._obey(name, int.from_bytes(request[3:5], "little"), now)
-            self._queue.push(pack_response(request[1]), self._response_at(now))
+            self._respond(pack_response(request[1]), now, name)
         self.log.add(now, name, request, why)
 
     def _obey(self, name: str, parameter: int, now: int) -> None:
         if name == "stop":
-            self._stop(now)
+            self.halt(now)
         elif name == "start" and self._stream is None:
             self._start(now)
         elif name == "set_speed":
             self._rpm = min(max(parameter, _SPEEDS[0]), _SPEEDS[1]) / 6
             if self._stream is not None:
                 self._end_stream(now)
-                self.motor.set_rpm(self._rpm, now)
-                self._begin(max(now, self.motor.stable_at or 0))
+                self._start(now)
 
     def _restart(self, now: int, up: int) -> None:
         self._begun = b""

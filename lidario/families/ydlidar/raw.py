@@ -14,8 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from lidario.families.base import Decoder, Known, RawStream, raw_stream
-from lidario.families.stream import runs_in
+from lidario.families.base import Decoder, Known, RawStream, raw_stream, runs_in
 from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FORMATS, FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
 from lidario.families.ydlidar.models import MODELS, Model

@@ -168,11 +168,9 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         """Why the device discards a request at once; empty when it handles it."""
         if request.began < self._deaf_until:
             return self._deaf_why
-        outstanding = self._outstanding(request.ended)
-        if outstanding:
-            return outstanding
-        if request.fault:
-            return request.fault
+        why = self._outstanding(request.ended) or request.fault
+        if why:
+            return why
         if request.name == "unknown" or request.name in self.profile.unknown:
             return "unknown to this device"
         if request.name == "new_baudrate_confirm" and not request.payload:
@@ -226,8 +224,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         now = request.ended
         if self.profile.motor == "rpm" and not self.motor_on:
             self.motor.set_rpm(self.profile.own_rpm, now)
-        announced = self._response_at(now)
-        self._respond_with(pack_announcement(mode), announced, request.name)
+        announced = self._respond(pack_announcement(mode), now, request.name)
         self._begin(mode, announced, force=force)
         return ""
 
@@ -245,10 +242,6 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
     def _end_stream(self, now: int) -> None:
         self._waiting = None
         super()._end_stream(now)
-
-    def _forget(self, now: int) -> None:
-        self._waiting = None
-        super()._forget(now)
 
     def _motor_speed_ctrl(self, request: Request) -> str:
         # What was built already was measured at the speed before.
@@ -276,7 +269,7 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
     def respond(self, kind: int, data: bytes, request: Request) -> str:
         """Send a single response, or noise of the same length when it is to be garbled."""
         response = self._garbled(pack_response(kind, data))
-        self._respond_with(response, self._response_at(request.ended), request.name)
+        self._respond(response, request.ended, request.name)
         return ""
 
     HANDLERS: ClassVar[dict[str, Callable[["SimulatedRplidar", Request], str]]] = {

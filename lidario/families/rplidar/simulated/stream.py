@@ -75,10 +75,7 @@ class MeasurementStream:
 
     def _head(self, first: int, count: int) -> tuple[Floats, Floats]:
         """Revolutions since the beginning, and times (ns), of `count` samples from number `first` on."""
-        times = np.arange(first, first + count, dtype=np.float64)
-        times *= self._sample_ns
-        times += self._origin
-        return self._motor.turns(times), times
+        return self._motor.sampled(self._origin, first, count, self._sample_ns)
 
     def _measure(self, degrees: Floats, times: Floats) -> Floats:
         """Distances in mm at these angles and times; 0 beyond the mode's reach."""

@@ -178,8 +178,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         elif command == 0x60:
             self._scan(now)
         else:
-            response = self._garbled(pack_response(*self._reply(command)))
-            self._respond_with(response, self._response_at(now), _NAMES[command])
+            self._respond(self._garbled(pack_response(*self._reply(command))), now, _NAMES[command])
 
     def _reply(self, command: int) -> tuple[int, bytes]:
         """Response type and payload."""
@@ -207,8 +206,7 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
         if self._stream is not None:
             return
         self.motor.set_rpm(self.set_speed * 0.6, now)
-        announced = self._response_at(now)
-        self._respond_with(SCAN_HEADER, announced, "scan")
+        announced = self._respond(SCAN_HEADER, now, "scan")
         early = self.profile.early_hertz
         turning = self.motor.reaches(60 * early) if early else self.motor.stable_at
         self._measure_from(max(announced, turning or 0))

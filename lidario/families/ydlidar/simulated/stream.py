@@ -21,6 +21,7 @@ import numpy.typing as npt
 from lidario.families.ydlidar.simulated.packers import TIME_STAMP_BYTES, pack_points, pack_time_stamp, start_control
 from lidario.families.ydlidar.simulated.profiles import Profile
 from lidario.sim.motor import Motor
+from lidario.sim.talker import within
 from lidario.sim.world import CheckedWorld, World
 
 _FULL_TURN_Q6 = 360 * 64
@@ -66,10 +67,7 @@ class PointStream:
         first, each, seam = self._next, self._profile.per_packet, self._profile.seam_deg / 360.0
         hertz = self._motor.rpm(self._origin + first * self._sample_ns) / 60.0
         count = min(int(1.05e9 / self._sample_ns / max(hertz, 1.0)) + 2 * each, _MOST_AHEAD)
-        times = np.arange(first, first + count, dtype=np.float64)
-        times *= self._sample_ns
-        times += self._origin
-        turns = self._motor.turns(times)
+        turns, times = self._motor.sampled(self._origin, first, count, self._sample_ns)
         revolution = int(np.floor(turns[0] - seam))
         behind = int(np.searchsorted(turns, revolution + 1.0 + seam))
         lone = int(self._at_seam)
@@ -82,11 +80,10 @@ class PointStream:
         turns, times = turns[: end + late], times[: end + late]
         q6 = np.floor(turns * _FULL_TURN_Q6).astype(np.int64) % _FULL_TURN_Q6
         mm = self._world.ranges_mm(turns * 360.0, times * 1e-9)
-        nearest, farthest = self._profile.reach_mm
         if self._profile.triangle:
             # What is measured lies beside the beam, by about the distance that the beam itself would have met.
             mm = self._world.ranges_mm(turns * 360.0 + _aside(mm), times * 1e-9)
-        mm[(mm < nearest) | (mm > farthest)] = 0.0
+        mm = within(mm, self._profile.reach_mm)
         bursts = []
         if lone:
             told = hertz if self._profile.tells_speed else 0.0
