@@ -197,7 +197,7 @@ class Link:
                 return
             payload = bytes(buffer[DESCRIPTOR_SIZE : DESCRIPTOR_SIZE + descriptor.size])
             if payload.startswith(request.expects.prefix):
-                self._take_response(payload, DESCRIPTOR_SIZE + descriptor.size)
+                self._take_response(Response(payload), DESCRIPTOR_SIZE + descriptor.size)
                 return
             # This response belongs to an earlier request.
             self.stats.late_responses += 1
@@ -209,7 +209,7 @@ class Link:
         if expected.continuous and payload == expected.accepted:
             self._enter_stream(request, Descriptor(expected.type, 0, continuous=True), size)
         elif payload is not None:
-            self._take_response(payload, size)
+            self._take_response(Response(payload), size)
 
     def _await_packets(self, request: Request, wire: StreamFormat) -> None:
         """Wait until `Request.packets` packets have come; noise between them is no part of the response."""
@@ -224,36 +224,33 @@ class Link:
                 if self._heard_packets >= request.packets:
                     self._drop(at)
                     self._unasked = True
-                    self._take_response(self._heard, middle - at)
+                    self._take_response(Response(self._heard), middle - at)
                     return
                 self.stats.response_bytes += middle - at
             self.stats.stray_bytes += end - middle
             at = end
         self._drop(at)
 
-    def _take_response(self, payload: bytes, size: int) -> None:
-        """The first `size` bytes of the buffer are the response."""
+    def _take_response(self, event: Response | Descriptor, size: int) -> None:
+        """The first `size` bytes of the buffer are the response, or announce the stream that was asked for."""
         if self._abandoned:
             self.stats.late_responses += 1
         else:
-            self._events.append(Response(payload))
+            self._events.append(event)
         self._drop(size)
         self.stats.response_bytes += size
         self._end_waiting()
 
     def _enter_stream(self, request: Request, descriptor: Descriptor, size: int) -> None:
         """A stream was announced by the first `size` bytes of the buffer."""
-        self._drop(size)
-        self.stats.response_bytes += size
+        is_abandoned = self._abandoned
+        self._take_response(descriptor, size)
         self.stream_at = self.fed - len(self._buffer)
-        if self._abandoned:
-            self.stats.late_responses += 1
+        if is_abandoned:
             self._drain()
-            return
-        self._end_waiting()
-        self._events.append(descriptor)
-        self._format = request.announced_by(descriptor) or request.stream
-        self.state = LinkState.STREAMING
+        else:
+            self._format = request.announced_by(descriptor) or request.stream
+            self.state = LinkState.STREAMING
 
     def _end_waiting(self) -> None:
         self._pending = self._format = None

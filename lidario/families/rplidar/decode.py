@@ -50,6 +50,7 @@ class CapsuleDecoder(ArcDecoder):
     """The base of the four capsule decoders: samples lie at equal steps from the start angle."""
 
     wire: ClassVar[type[CapsuleFormat]]  # the format of the packets
+    has_intensity: bool = False
     corrected: ClassVar[bool] = False  # whether samples have corrections, which may move an angle back over 0
 
     def __init__(self) -> None:
@@ -84,7 +85,6 @@ class DenseDecoder(CapsuleDecoder):
     """0x85: each cabin is a distance in millimetres."""
 
     wire: ClassVar[type[CapsuleFormat]] = DenseFormat
-    has_intensity: bool = False
 
     def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
         output.distance[...] = words[:, 2:]
@@ -94,7 +94,6 @@ class ExpressDecoder(CapsuleDecoder):
     """0x82: each sample carries its own correction of the angle."""
 
     wire: ClassVar[type[CapsuleFormat]] = ExpressFormat
-    has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
     def _payload(self, words: Words, after: Any, skipped: Any, output: Output) -> None:  # noqa: ARG002
@@ -107,7 +106,6 @@ class UltraDecoder(CapsuleDecoder):
     """0x84: scaled and predicted distances; the angle is corrected by the distance."""
 
     wire: ClassVar[type[CapsuleFormat]] = UltraFormat
-    has_intensity: bool = False
     corrected: ClassVar[bool] = True
 
     def __init__(self) -> None:
@@ -126,6 +124,7 @@ class UltraDenseDecoder(CapsuleDecoder):
     """0x86: 20 bits a sample, distance and intensity on a variable scale; short distances are smoothed."""
 
     wire: ClassVar[type[CapsuleFormat]] = UltraDenseFormat
+    has_intensity = True
 
     def __init__(self) -> None:
         super().__init__()
