@@ -109,9 +109,13 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
     def spin_up_s(self, seconds: float) -> None:
         self.motor.spin_up_s = seconds
 
-    @abstractmethod
     def receive(self, data: bytes, now: int) -> None:
         """As `SimulatedDevice.receive`."""
+        self._advance(now)
+        self._hear(data, now)
+
+    def _hear(self, data: bytes, now: int) -> None:
+        """Take bytes that the host sent; what was due before is done. Default: a device that hears nothing."""
 
     def wakeup(self, now: int) -> int | None:
         """When the next response or packet will have left; None while the device is idle."""
@@ -188,11 +192,8 @@ class Chassis(ABC, Generic[NamedT, StreamT]):
 
     def _outstanding(self, now: int) -> str:
         """Which response has not left completely by `now`, in the words of the log; empty when none."""
-        return (
-            f"while the response to {self._outstanding_request} is outstanding"
-            if now < self._outstanding_until
-            else ""
-        )
+        is_outstanding = now < self._outstanding_until
+        return f"while the response to {self._outstanding_request} is outstanding" if is_outstanding else ""
 
     @abstractmethod
     def _advance(self, now: int) -> None:

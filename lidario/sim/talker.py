@@ -90,9 +90,6 @@ class Talker(Chassis[ProfileT, Running], Generic[ProfileT]):
     def _make(self, stream: Running) -> None:
         """Make and queue the next packets of a stream, and tell when those behind them will be ready."""
 
-    def receive(self, data: bytes, now: int) -> None:  # noqa: ARG002
-        self._advance(now)
-
     def wakeup(self, now: int) -> int | None:
         self._power(now)
         at = super().wakeup(now)

@@ -31,9 +31,8 @@ class SimulatedHlds(PacedByAngle[TalkerProfile]):
 
     check: bytes | None = None  # the last two bytes of its packets; None for the usual ones
 
-    def receive(self, data: bytes, now: int) -> None:
+    def _hear(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent: each is a request of its own."""
-        self._advance(now)
         for byte in data:
             name, why = _NAMES.get(byte), self._deaf_why if now < self._deaf_until else ""
             if name is None:

@@ -54,6 +54,5 @@ def geometry_of(told: Mapping[str, str]) -> Geometry | None:
             return None
         values.append(int(word))
     found = Geometry(*values)
-    return (
-        found if found.first <= found.last < found.first + found.turn and found.nearest < found.farthest else None
-    )
+    can_be = found.first <= found.last < found.first + found.turn and found.nearest < found.farthest
+    return found if can_be else None

@@ -115,9 +115,8 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
         self._adjusting = False
         self._speaks_scip1 = profile.begins_scip1
 
-    def receive(self, data: bytes, now: int) -> None:
+    def _hear(self, data: bytes, now: int) -> None:
         """Take bytes; a line is obeyed at its end."""
-        self._advance(now)
         *lines, rest = (self._begun + data).replace(b"\r", b"\n").split(b"\n")
         self._begun = rest[-_LONGEST_LINE - 1 :]
         for line in lines:
@@ -126,21 +125,18 @@ class SimulatedHokuyo(Chassis[Profile, _Stream]):
 
     def _consider(self, line: bytes, now: int) -> None:
         text = line.decode("latin-1")
-        name, why = _NAMES.get(text[:2], "unknown"), ""
+        name = _NAMES.get(text[:2], "unknown")
         if now < self._deaf_until:
-            self.log.add(now, name, line + b"\n", self._deaf_why)
-            return
-        if self._speaks_scip1:
+            why = self._deaf_why
+        elif self._speaks_scip1:
             self._speaks_scip1 = text != "SCIP2.0"
             why = "speaks SCIP 1.1" if self._speaks_scip1 else ""
             self._respond(line + (b"\nE\n\n" if why else b"\n0\n\n"), now, name)
-            self.log.add(now, name, line + b"\n", why)
-            return
-        if not text.isascii() or len(text) > _LONGEST_LINE or text[:2] not in _NAMES:
+        elif not text.isascii() or len(text) > _LONGEST_LINE or text[:2] not in _NAMES:
             why = "unknown to this device"
+            self._respond(pack_status(line, b"0E"), now, name)
         elif self._adjusting and text not in ("TM1", "TM2", "QT", "RS"):
             why = "while its clock is adjusted"
-        if why:
             self._respond(pack_status(line, b"0E"), now, name)
         else:
             why = self._obey(text[:2], text, now)

@@ -90,9 +90,8 @@ class SimulatedLdrobot(PacedByTime[Profile]):
 
     _begun = b""
 
-    def receive(self, data: bytes, now: int) -> None:
+    def _hear(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent; only a model with a line for requests sees them."""
-        self._advance(now)
         if not self.profile.commands:
             return
         for byte in data:

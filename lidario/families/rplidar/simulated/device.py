@@ -99,9 +99,8 @@ class SimulatedRplidar(Chassis[Profile, MeasurementStream]):
         if mode is not None:
             self._begin(mode, now)
 
-    def receive(self, data: bytes, now: int) -> None:
+    def _hear(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`."""
-        self._advance(now)
         if self.profile.measures_speed and self._stream is None and now >= self._deaf_until:
             self._queue.push(self.line_speed.hear(data, now), self._response_at(now))
             self._queue.baudrate = self.line_speed.now

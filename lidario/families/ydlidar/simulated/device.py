@@ -95,9 +95,8 @@ class Simulated4Ros(Chassis[Profile, PointStream]):
             self._begun = False
         self._talk(now, at_once=False)
 
-    def receive(self, data: bytes, now: int) -> None:
+    def _hear(self, data: bytes, now: int) -> None:
         """Take bytes that the host sent and that arrived at `now`; a model that only talks does not see them."""
-        self._advance(now)
         if self.profile.one_way or not self.lit:
             return
         for byte in data:
