@@ -14,6 +14,7 @@ from lidario.errors import DeviceLost, LidarError
 from lidario.session.opening import open_lidar
 from lidario.sim.device import Received
 from tests.support import leaks
+from tests.support.children import child, line_of
 from tests.support.devices import make_rig
 from tests.support.discards import some_discarded
 from tests.support.ledger import BYTES, PACKETS, assert_stats_close, ledgers_made
@@ -141,6 +142,13 @@ async def test_the_ledger_of_a_session_closes_under_every_fault(faulty: tuple[st
             ledgers.assert_closed()
         setattr(counters, name, right)
     ledgers.assert_closed()
+
+
+def test_a_line_of_a_process_takes_nothing_of_what_is_said_behind_it() -> None:
+    """A busy machine reads several lines at once: the second one was waited for in vain, and the third was lost."""
+    with child("print('one\\ntwo\\nthree', flush=True); input()") as process:
+        assert [line_of(process.stdout) for _ in range(2)] == ["one\n", "two\n"]
+        assert process.communicate("\n", timeout=PATIENCE_S) == ("three\n", "")
 
 
 @pytest.mark.long

@@ -88,10 +88,16 @@ def _environment(more: Mapping[str, str] | None) -> dict[str, str]:
 
 
 def line_of(stream: IO[str] | None) -> str:
-    """The next line of a process's output."""
+    """The next line of a process's output.
+
+    Nothing behind it is taken: neither `select` nor `communicate` sees what a stream of Python has read ahead.
+    """
     assert stream is not None
     assert select.select([stream], [], [], BOUND)[0], "the process says nothing"
-    return stream.readline()
+    line = bytearray()
+    while not line.endswith(b"\n") and (byte := os.read(stream.fileno(), 1)):
+        line += byte
+    return line.decode("utf-8")
 
 
 def until(condition: Callable[[], object], why: Callable[[], object] = lambda: "it never came to be") -> None:
