@@ -29,9 +29,10 @@ async def test_both_lines_are_low_after_opening_and_no_board_is_reset(path: str,
     port = await open_serial(path, 115200)
     assert driver.states[0] == (True, True)
     assert driver.states[-1] == (False, False)
-    assert RESET not in driver.states
     await port.close()
     assert RESET not in driver.states
+    # A driver without low latency is not asked for it.
+    assert driver.settings == 0
 
 
 async def test_rts_stays_low_while_a_motor_is_switched_by_dtr(path: str, driver: FakeDriver) -> None:
@@ -89,13 +90,17 @@ async def test_a_pulled_out_adapter_has_nothing_to_be_given(ends: tuple[int, int
         assert ftdi.settings == 1
 
 
-async def test_who_finds_it_set_leaves_it_set(path: str, ftdi: FakeDriver) -> None:
-    """So does the next program after one that was killed; unplugging ends it."""
-    ftdi.flags |= LOW_LATENCY
+@pytest.mark.parametrize(("before", "fails"), [(SPEED_FLAG | LOW_LATENCY, False), (SPEED_FLAG, True)])
+async def test_who_finds_it_set_or_is_refused_leaves_it_as_it_is(
+    before: int, fails: bool, path: str, ftdi: FakeDriver
+) -> None:
+    """Set it is also found by the next program after one that was killed; unplugging ends it."""
+    ftdi.flags, ftdi.fails = before, fails
     ftdi.show_latency()
     port = await open_serial(path, 115200)
+    ftdi.fails = False
     await port.close()
-    assert (ftdi.flags, ftdi.settings) == (SPEED_FLAG | LOW_LATENCY, 0)
+    assert (ftdi.flags, ftdi.settings) == (before, 0)
 
 
 async def test_a_second_one_changes_nothing(path: str, ftdi: FakeDriver, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,20 +111,6 @@ async def test_a_second_one_changes_nothing(path: str, ftdi: FakeDriver, monkeyp
     assert ftdi.settings == 1
     await first.close()
     assert ftdi.flags == SPEED_FLAG
-
-
-async def test_a_driver_without_it_is_not_asked(path: str, driver: FakeDriver) -> None:
-    port = await open_serial(path, 115200)
-    await port.close()
-    assert driver.settings == 0
-
-
-async def test_a_driver_that_refuses_is_used_as_it_is(path: str, ftdi: FakeDriver) -> None:
-    ftdi.fails = True
-    port = await open_serial(path, 115200)
-    ftdi.fails = False
-    await port.close()
-    assert (ftdi.flags, ftdi.settings) == (SPEED_FLAG, 0)
 
 
 def test_a_forked_child_gives_nothing_back(path: str, ftdi: FakeDriver, tmp_path: Path) -> None:

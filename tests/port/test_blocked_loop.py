@@ -26,6 +26,7 @@ def compute() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("system")
 @pytest.mark.parametrize("work", [sleep, compute])
 async def test_a_blocked_loop_loses_nothing(work: Callable[[], None]) -> None:
     """The one lets other threads run, the other makes them wait for the interpreter."""

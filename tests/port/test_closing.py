@@ -6,22 +6,17 @@ import os
 import stat
 import termios
 import threading
-import time
 
 import pytest
 import serial
 
 from lidario.port.port import Port
-from lidario.port.serial import open_serial
+from lidario.port.serial import DRAIN_S, open_serial
 from lidario.port.simulated import MemoryTransport, connect_in_memory
+from tests.support.children import until
 from tests.support.devices import make_rig
-from tests.support.loop import driven
+from tests.support.loop import driven, driven_loop, now
 from tests.support.ports import PATIENCE_S, Sink, open_files, opened, written
-
-FLUSH_S = 10.0
-"""How long a wedged adapter would keep whoever waits until it is empty."""
-BOUND_S = 8.0
-"""Far more than closing takes, also on a busy machine, and less than that."""
 
 
 class Wedged:
@@ -31,11 +26,12 @@ class Wedged:
         left: Bytes in the adapter; a number, or one for each time that is asked.
         discards: Whether the driver can throw them away.
         discarded: How often it was asked to.
+        waits: How often somebody has waited until it is empty, which it never is.
     """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *left: int, discards: bool = True) -> None:
         self.left = list(left)
-        self.discarded = 0
+        self.discarded = self.waits = 0
         wedged = self
 
         def waiting(_: serial.Serial) -> int:
@@ -47,79 +43,58 @@ class Wedged:
                 wedged.left = [0]
 
         def flush(_: serial.Serial) -> None:
-            if wedged.left[-1]:
-                time.sleep(FLUSH_S)
+            wedged.waits += bool(wedged.left[-1])
 
         monkeypatch.setattr(serial.Serial, "out_waiting", property(waiting))
         monkeypatch.setattr(serial.Serial, "reset_output_buffer", discard)
         monkeypatch.setattr(serial.Serial, "flush", flush)
 
 
-async def close_and_watch(port: Port) -> tuple[float, float]:
-    """Close `port`; returns how long that took, and the longest time for which the loop stood still."""
-    loop = asyncio.get_running_loop()
-    worst = 0.0
-
-    async def tick() -> None:
-        nonlocal worst
-        before = loop.time()
-        while True:
-            await asyncio.sleep(0.001)
-            worst, before = max(worst, loop.time() - before), loop.time()
-
-    ticking = asyncio.create_task(tick())
-    await asyncio.sleep(0)
-    before = loop.time()
+async def closed_in(port: Port) -> float:
+    """Close `port`; how long that took."""
+    began = now()
     await port.close()
-    took = loop.time() - before
-    await asyncio.sleep(0.002)
-    ticking.cancel()
-    await asyncio.wait([ticking])
-    return took, worst
+    return now() - began
 
 
-@pytest.mark.long
+@driven
 async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_close(
     ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    port, sink = await open_serial(ends[2], 115200), Sink()
-    port.attach(sink)
-    wedged = Wedged(monkeypatch, 7)
-    port.write(b"stop")
-    took, worst = await close_and_watch(port)
-    assert 0.4 < took < BOUND_S
-    assert worst < BOUND_S
-    assert wedged.discarded == 1
+    async with opened(ends[2]) as (port, sink):
+        wedged = Wedged(monkeypatch, 7)
+        port.write(b"stop")
+        assert await closed_in(port) == pytest.approx(DRAIN_S, abs=0.003)
+    assert (wedged.discarded, wedged.waits) == (1, 0)
     assert sink.lost == [None]
     assert "closed before all was sent" in caplog.text
 
 
-@pytest.mark.long
+@driven
 async def test_a_terminal_that_takes_nothing(ends: tuple[int, int, str]) -> None:
     master, slave, path = ends
     before = open_files()
     port = await open_serial(path, 115200)
     termios.tcflow(slave, termios.TCOOFF)
     port.write(b"stop")
-    took, worst = await close_and_watch(port)
-    assert 0.4 < took < BOUND_S
-    assert worst < BOUND_S
+    assert await closed_in(port) == pytest.approx(DRAIN_S, abs=0.003)
     assert open_files() == before
     os.set_blocking(master, False)
     with pytest.raises(BlockingIOError):
         os.read(master, 16)
 
 
+@driven
 async def test_closing_waits_while_bytes_leave(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     port = await open_serial(ends[2], 115200)
     wedged = Wedged(monkeypatch, 4, 3, 2, 1, 0)
     port.write(b"stop")
     await port.close()
-    assert wedged.left == [0]
-    assert wedged.discarded == 0
+    assert (wedged.left, wedged.discarded) == ([0], 0)
     assert written(ends[0], 4) == b"stop"
 
 
+@driven
 async def test_stop_requests_leave_before_the_port_is_closed(ends: tuple[int, int, str]) -> None:
     master, slave, path = ends
     port = await open_serial(path, 115200)
@@ -139,7 +114,7 @@ async def test_stop_requests_leave_before_the_port_is_closed(ends: tuple[int, in
     assert order == [f"closed, {before - 5} files"]
 
 
-@pytest.mark.long
+@driven
 async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
     ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,12 +132,9 @@ async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
     Wedged(monkeypatch, 7, discards=False)
     monkeypatch.setattr(os, "close", closing)
     await port.close()
-    async with asyncio.timeout(PATIENCE_S):
-        while len(closed) < 2 or open_files() > before:
-            await asyncio.sleep(0.001)
-    other = [thread for thread in closed if thread is not threading.current_thread()]
-    assert len(other) == 1
-    assert other[0].daemon
+    until(lambda: len(closed) == 2 and open_files() <= before)
+    (other,) = [thread for thread in closed if thread is not threading.current_thread()]
+    assert other.daemon
 
 
 @driven
@@ -170,13 +142,12 @@ async def test_a_line_that_does_not_close_is_given_up_after_a_second(monkeypatch
     """As docs/bounds.md says."""
     monkeypatch.setattr(MemoryTransport, "abort", MemoryTransport.close)
     monkeypatch.setattr(MemoryTransport, "close", lambda _: None)
-    loop, port = asyncio.get_running_loop(), connect_in_memory(make_rig("rplidar").device)
-    before = loop.time()
-    await port.close()
-    assert loop.time() - before == pytest.approx(1.0)
+    port = connect_in_memory(make_rig("rplidar").device)
+    assert await closed_in(port) == pytest.approx(1.0)
     assert not port.is_open
 
 
+@driven
 async def test_cancelling_only_ends_the_wait(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
     port = await open_serial(ends[2], 115200)
     Wedged(monkeypatch, *[5] * 20, 0)
@@ -189,17 +160,14 @@ async def test_cancelling_only_ends_the_wait(ends: tuple[int, int, str], monkeyp
     await port.wait_closed()
 
 
-@pytest.mark.long
+@driven
 async def test_a_loop_blocked_while_it_closed(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.port.port.CLOSE_TIMEOUT_S", 0.05)
-    monkeypatch.setattr("lidario.port.serial.DRAIN_S", 0.05)
-    port, sink = await open_serial(ends[2], 115200), Sink()
-    port.attach(sink)
-    Wedged(monkeypatch, 7)
-    port.close_soon()
-    await asyncio.sleep(0)
-    time.sleep(0.2)  # noqa: ASYNC251 - both bounds of the close are passed when the loop goes on
-    await port.wait_closed()
+    async with opened(ends[2]) as (port, sink):
+        Wedged(monkeypatch, 7)
+        port.close_soon()
+        await asyncio.sleep(0)
+        driven_loop().block(2.0)  # both bounds of the close are passed when the loop goes on
+        await port.wait_closed()
     assert sink.lost == [None]
 
 
@@ -230,21 +198,19 @@ async def test_a_close_in_the_iteration_of_the_opening(ends: tuple[int, int, str
     assert not sink.data
 
 
-async def test_abandon_waits_for_the_device(ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    master, _, path = ends
-    loop = asyncio.get_running_loop()
+@pytest.mark.parametrize(("ahead", "waited"), [(0.045, 0.045), (3600.0, 0.05), (-1.0, 0.0)])
+@driven
+async def test_abandon_waits_for_the_device(
+    ahead: float, waited: float, ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     slept: list[float] = []
     monkeypatch.setattr("lidario.port.port.time.sleep", slept.append)
-    for ahead, least, most in ((0.045, 0.0, 0.045), (3600.0, 0.05, 0.05), (-1.0, 0.0, 0.0)):
-        port = await open_serial(path, 115200)
-        slept.clear()
-        before = loop.time()
-        port.abandon(b"stop", before + ahead)
-        assert least <= sum(slept) <= most
-        # It slept until the device listens, less what the call itself had taken by then.
-        assert ahead > 1 or sum(slept) >= ahead - (loop.time() - before) - 1e-6
-        assert written(master, 4) == b"stop"
-        await port.wait_closed()
+    port = await open_serial(ends[2], 115200)
+    slept.clear()
+    port.abandon(b"stop", now() + ahead)
+    assert sum(slept) == pytest.approx(waited)
+    assert written(ends[0], 4) == b"stop"
+    await port.wait_closed()
 
 
 def test_abandon_after_the_loop_was_closed(ends: tuple[int, int, str]) -> None:

@@ -86,27 +86,22 @@ async def test_where_there_is_no_line_nothing_happens() -> None:
     await in_memory.close()
 
 
-async def test_a_motor_that_dtr_switches_is_off_after_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("keep_spinning", [False, True])
+async def test_a_motor_that_dtr_switches_is_off_after_the_session_or_on_where_it_shall_go_on(
+    keep_spinning: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    how = {"family": "rplidar", "baudrate": 115200, "keep_spinning": keep_spinning}
     device = simulate("rplidar-a1")
     with WaitingPtyServer(device) as server:
         driver = FakeDriver(server.path, monkeypatch)
-        async with open_lidar(server.path, family="rplidar", baudrate=115200) as lidar:
+        async with open_lidar(server.path, **how) as lidar:  # type: ignore[arg-type]
             assert lidar.info.model == "RPLIDAR A1M8"
             # It turns from the opening on.
             assert states(driver) == OPENED
-        assert states(driver) == [*OPENED, True]
+        assert states(driver) == [*OPENED, *[True] * (not keep_spinning)]
         handle = os.open(server.path, os.O_RDWR | os.O_NOCTTY)
         try:
-            assert not hangs_up(handle)
+            assert keep_spinning or not hangs_up(handle)
         finally:
             os.close(handle)
         assert [each.name for each in device.log][-1] == "stop"
-
-
-async def test_or_on_where_it_shall_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = simulate("rplidar-a1")
-    with WaitingPtyServer(device) as server:
-        driver = FakeDriver(server.path, monkeypatch)
-        async with open_lidar(server.path, family="rplidar", baudrate=115200, keep_spinning=True):
-            pass
-        assert states(driver) == OPENED

@@ -81,23 +81,18 @@ def test_no_one_is_told_to_open_a_forbidden_file_to_everybody(tmp_path: Path, ki
 
 def test_who_holds_a_port_is_named() -> None:
     with terminal_pair() as (_, slave, path):
+        # It was told to stop another program.
+        assert "this program has it open already" in str(busy(path))
         os.close(slave)
         assert is_pseudo_terminal(path)
         assert list(holders(path)) == []
+        assert "another program" in str(busy(path))
         with another_program(path) as other:
             assert [pid for pid, _ in holders(path)] == [other.pid]
             failed = busy(path)
             assert failed.reason == "busy"
             assert f"held by PID {other.pid} (" in str(failed)
     assert "another program" in str(busy("/no/such/port"))
-
-
-def test_a_port_that_this_program_holds_itself() -> None:
-    """It was told to stop another program."""
-    with terminal_pair() as (_, slave, path):
-        assert "this program has it open already" in str(busy(path))
-        os.close(slave)
-        assert "another program" in str(busy(path))
 
 
 @pytest.mark.parametrize("others", [[(7, "lidario-guard"), (8, "rviz2")], [(8, "rviz2"), (9, "lidario-guard")]])

@@ -9,9 +9,9 @@ import pytest
 
 from lidario.port.forked import leave_nothing
 from lidario.sim.serve import TcpServer
-from tests.support.children import FORKS, child, ended, line_of
+from tests.support.children import BOUND, FORKS, child, ended, line_of
 from tests.support.devices import make_rig, names
-from tests.support.ports import PATIENCE_S, open_files
+from tests.support.ports import open_files
 from tests.support.speeds import SpeedPtyServer
 
 INSIDE = """
@@ -65,7 +65,7 @@ def test_the_exit_of_a_forked_child_stops_nothing(program: str) -> None:
         told = line_of(process.stdout)
         with server.lock:
             scanning, log = rig.device.scanning, names(rig)
-        _, errors = process.communicate("\n", timeout=PATIENCE_S)
+        _, errors = process.communicate("\n", timeout=BOUND)
         assert told == "interruptions 0\n", errors
         assert scanning
         # Opening stops it, on a busy machine more than once; after that only the close does.
@@ -132,13 +132,13 @@ lidario.run(main())
 @pytest.mark.long
 def test_a_port_is_free_when_it_is_closed_though_a_child_lives_on() -> None:
     with SpeedPtyServer(make_rig("rplidar").device) as server, child(LEFT + REOPENED, server.path) as process:
-        assert process.communicate(timeout=PATIENCE_S) == ("open again\n", "")
+        assert process.communicate(timeout=BOUND) == ("open again\n", "")
 
 
 @pytest.mark.long
 def test_a_connection_ends_when_it_is_closed_though_a_child_lives_on() -> None:
     with socket.create_server(("127.0.0.1", 0)) as door, TcpServer(make_rig("rplidar").device) as server:
-        door.settimeout(PATIENCE_S)
+        door.settimeout(BOUND)
         with child(LEFT + CLOSED, f"tcp://127.0.0.1:{door.getsockname()[1]}") as process:
             host, _ = door.accept()
             with host, socket.create_connection(server.address) as device:
@@ -146,15 +146,15 @@ def test_a_connection_ends_when_it_is_closed_though_a_child_lives_on() -> None:
                 pump.start()
                 relay(host, device)  # until the program has closed it
                 device.shutdown(socket.SHUT_RDWR)
-                pump.join(PATIENCE_S)
-            assert process.communicate("\n", timeout=PATIENCE_S) == ("", "")
+                pump.join(BOUND)
+            assert process.communicate("\n", timeout=BOUND) == ("", "")
 
 
 @pytest.mark.long
 def test_a_signal_to_a_child_ends_the_child_and_not_the_program() -> None:
     with SpeedPtyServer(make_rig("rplidar").device) as server, child(LEFT + TERMINATED, server.path) as process:
         said = f"child ended by {-signal.SIGTERM}\nthe parent goes on\n"
-        assert process.communicate(timeout=PATIENCE_S) == (said, "")
+        assert process.communicate(timeout=BOUND) == (said, "")
 
 
 SIGNALLED = """
@@ -200,7 +200,7 @@ def test_signals_do_in_a_child_what_the_program_has_chosen() -> None:
 
 def relay(begin: socket.socket, end: socket.socket) -> None:
     """Pass on what comes, until there is no more."""
-    begin.settimeout(PATIENCE_S)
+    begin.settimeout(BOUND)
     with suppress(ConnectionError):
         while data := begin.recv(4096):
             end.sendall(data)

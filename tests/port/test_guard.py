@@ -33,7 +33,10 @@ async def ended(process: int) -> None:
 
 
 @pytest.mark.long
-async def test_a_session_has_one_and_leaves_none() -> None:
+async def test_a_session_has_one_and_leaves_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    # On a busy machine the process may need longer than a session waits for it.
+    for name in ("guard.RELEASE_S", "port.CLOSE_TIMEOUT_S"):
+        monkeypatch.setattr(f"lidario.port.{name}", PATIENCE_S)
     with served("rplidar-s2") as server:
         async with open_lidar(server.path, guard=True) as lidar:
             (guard,) = own_guards()

@@ -87,24 +87,27 @@ def test_not_for_ever(clock: Clock) -> None:
     assert 2.5 <= clock.left_still((b"stop", None), listens_at=1e9)[-1][0] < 2.6
 
 
-def test_the_motor_that_hangs_on_dtr(clock: Clock) -> None:
-    seen = [what for _, what in clock.left_still((b"", True), (b"stop", None))]
-    # Else the system would clear DTR when the port is closed, and the motor would turn.
-    assert seen[:3] == [("settings", termios.CREAD), "DTR on", b"stop"]
+OFF_BY_DTR = [("settings", termios.CREAD), "DTR on"]
+"""Else the system would clear DTR when the port is closed, and the motor would turn."""
 
 
-def test_what_makes_a_device_deaf_comes_last(clock: Clock) -> None:
-    seen = [what for _, what in clock.left_still((b"stop", None), last=[(b"pwm", None), (b"", True)])]
-    assert seen == [b"stop"] * 5 + [b"pwm", ("settings", termios.CREAD), "DTR on"]
-
-
-def test_a_motor_that_stops_when_dtr_is_cleared(clock: Clock) -> None:
-    assert {what for _, what in clock.left_still((b"", False))} == {"DTR off"}
-
-
-def test_nothing_for_a_device_that_only_talks(clock: Clock) -> None:
-    assert clock.left_still((b"", None)) == []
-    assert clock.now == 100.0
+@pytest.mark.parametrize(
+    ("orders", "last", "written"),
+    [
+        ([(b"", True), (b"stop", None)], [], [*OFF_BY_DTR, b"stop"] * 5),
+        # What makes a device deaf comes last.
+        ([(b"stop", None)], [(b"pwm", None), (b"", True)], [b"stop"] * 5 + [b"pwm", *OFF_BY_DTR]),
+        # A motor that stops when DTR is cleared.
+        ([(b"", False)], [], ["DTR off"] * 5),
+        # A device that only talks.
+        ([(b"", None)], [], []),
+    ],
+)
+def test_what_is_written(
+    orders: guard_process.Requests, last: guard_process.Requests, written: list[Any], clock: Clock
+) -> None:
+    assert [what for _, what in clock.left_still(*orders, last=last)] == written
+    assert (clock.now > 100.0) is bool(written)
 
 
 def test_a_connection_that_stands_is_waited_for_longer(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,10 +17,12 @@ from tests.test_exhausted import no_threads
 
 @asynccontextmanager
 async def held_port(path: str, plan: Plan) -> AsyncIterator[tuple[Port, Sink, Seen]]:
-    """A port that is polled every 2 ms and holds what it reads as long as `plan` says."""
-    async with opened(path, 1_000_000) as (port, sink):
-        port.set_polling(plan)
-        yield port, sink, Seen(port)
+    """A port that is polled every 2 ms and holds what it reads as long as `plan` says, however long that is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+        async with opened(path, 1_000_000) as (port, sink):
+            port.set_polling(plan)
+            yield port, sink, Seen(port)
 
 
 async def until_read(size: int) -> None:
@@ -31,10 +33,7 @@ async def until_read(size: int) -> None:
             await asyncio.sleep(0.001)
 
 
-async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
-    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(terminal: tuple[int, str]) -> None:
     master, path = terminal
     plan = Plan(hold=math.inf, latency=0.002)
     async with held_port(path, plan) as (_, sink, seen):
@@ -55,17 +54,16 @@ async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(
 @driven
 async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int, str]) -> None:
     master, path = terminal
-    # A schedule that makes no sense: nothing is ever needed.
-    async with held_port(path, Plan(*[3600.0] * 10)) as (_, sink, seen):
+    async with opened(path, 1_000_000) as (port, sink):
+        # A schedule that makes no sense: nothing is ever needed.
+        port.set_polling(Plan(*[3600.0] * 10))
+        seen = Seen(port)
         os.write(master, b"here")
         await sink.until(4)
         assert now() - seen.reads[0][1] * 1e-9 == pytest.approx(0.5)
 
 
-async def test_the_loop_sleeps_while_the_thread_reads(
-    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+async def test_the_loop_sleeps_while_the_thread_reads(terminal: tuple[int, str]) -> None:
     master, path = terminal
     plan = Plan(*[0.9] * 10, hold=math.inf, buffer_s=0.02)
     async with held_port(path, plan) as (_, sink, _):
@@ -94,8 +92,7 @@ async def test_where_no_thread_can_be_started_the_loop_reads_before_the_buffer_i
                 await asyncio.sleep(0.001)
 
 
-async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+async def test_no_more_than_32_kib_are_held(terminal: tuple[int, str]) -> None:
     master, path = terminal
     async with held_port(path, Plan(hold=math.inf, latency=0.002)) as (_, sink, _):
         for count in range(1, 9):
@@ -134,8 +131,7 @@ async def test_what_is_overdue_is_polled_within_the_latency_by_a_late_timer(late
 
 
 @pytest.mark.parametrize("way", ["poll", "set_polling", "close", "pulled"])
-async def test_what_is_held_is_not_lost(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.port.reading.HOLD_S", 3600.0)
+async def test_what_is_held_is_not_lost(way: str) -> None:
     with terminal_pair() as (master, slave, path):
         async with held_port(path, Plan(hold=math.inf, latency=0.002)) as (port, sink, _):
             os.write(master, b"held")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from lidario.port.inbox import CONNECTION, DATAGRAMS, INBOX_BYTES, Inbox, Late, make_read
-from tests.support.ports import terminal_pair
+from tests.support.ports import PATIENCE_S, terminal_pair
 
 FULL = 4095
 
@@ -195,7 +195,7 @@ def test_a_read_that_finds_the_buffer_full_is_counted() -> None:
         os.write(ours, bytes(1000))
         inbox.read()
         assert late.full_reads == 0
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + PATIENCE_S
         # What was written reaches the other end a little later.
         while _waiting(theirs) < FULL and time.monotonic() < deadline:
             with contextlib.suppress(BlockingIOError):

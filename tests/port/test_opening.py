@@ -1,6 +1,8 @@
 """Opening a serial port: what is none, what is held, off the event loop, and cancelled on the way."""
 
 import asyncio
+import errno
+import os
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -57,21 +59,18 @@ async def test_dev_null_is_no_serial_port_even_while_others_hold_it() -> None:
     assert "busy" not in str(failed)
 
 
-async def test_forbidden(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def forbid(self: serial.Serial) -> None:
-        raise serial.SerialException(13, "could not open port: Permission denied")
-
-    monkeypatch.setattr(serial.Serial, "open", forbid)
-    failed = await failure(terminal[1])
-    assert failed.reason == "permission"
-
-
-async def test_what_cannot_be_set_up_is_closed(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("call", "number", "reason"),
+    [("open", errno.EACCES, "permission"), ("reset_input_buffer", errno.EIO, "missing")],
+)
+async def test_what_is_forbidden_or_cannot_be_set_up_is_closed(
+    call: str, number: int, reason: str, terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(self: serial.Serial) -> None:
-        raise serial.SerialException(5, "Input/output error")
+        raise serial.SerialException(number, f"could not open port: {os.strerror(number)}")
 
-    monkeypatch.setattr(serial.Serial, "reset_input_buffer", fail)
-    assert (await failure(terminal[1])).reason == "missing"
+    monkeypatch.setattr(serial.Serial, call, fail)
+    assert (await failure(terminal[1])).reason == reason
 
 
 class SlowOpening:

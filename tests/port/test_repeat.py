@@ -8,10 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from lidario.port.serial import open_serial
 from lidario.port.thread import Repeat, Served
 from tests.port.test_thread import Steady, threads
-from tests.support.ports import terminal_pair, written
+from tests.support.ports import PATIENCE_S, opened_terminal, written
 
 REQUEST = b"\xa5\x60"
 
@@ -81,14 +80,14 @@ def test_behind_its_end_nothing_is_written_and_a_dead_line_does_not_raise(
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("system")
 async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in_order() -> None:
-    with terminal_pair() as (master, _, path):
-        port = await open_serial(path, 1_000_000)
+    async with opened_terminal(1_000_000) as (port, _, master):
         seen: list[tuple[str, bytes, int]] = []
         port.add_tap(lambda direction, data, now: seen.append((direction, data, now)))
         port.set_polling(Steady())
         port.set_repeat(REQUEST, 0.1)
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + PATIENCE_S
         while port.repeated < 3 and time.monotonic() < deadline:
             os.write(master, b"x")
             time.sleep(0.01)  # noqa: ASYNC251
@@ -102,26 +101,22 @@ async def test_the_thread_writes_it_while_the_loop_is_blocked_and_taps_see_it_in
         assert len(out) == repeated
         assert [now for *_, now in seen] == sorted(now for *_, now in seen)
         assert min(later - earlier for earlier, later in pairwise(out)) >= 100_000_000
-        await port.close()
 
 
 @pytest.mark.parametrize("end", ["close", "abandon"])
 async def test_nothing_is_repeated_on_a_port_that_is_closed(end: str) -> None:
-    with terminal_pair() as (_, _, path):
-        port = await open_serial(path, 1_000_000)
+    async with opened_terminal(1_000_000) as (port, _, _):
         port.set_repeat(REQUEST, 3600.0)
         assert len(threads()) == 1
         if end == "abandon":
             port.abandon(b"stop")
             assert threads() == []
-        await port.close()
-        assert threads() == []
+    assert threads() == []
 
 
 @pytest.mark.long
 async def test_a_tap_does_not_see_what_was_written_before_it_came() -> None:
-    with terminal_pair() as (master, _, path):
-        port = await open_serial(path, 1_000_000)
+    async with opened_terminal(1_000_000) as (port, _, master):
         port.set_polling(Steady())
         port.set_repeat(REQUEST, 0.01)
         written(master, len(REQUEST))
@@ -130,7 +125,6 @@ async def test_a_tap_does_not_see_what_was_written_before_it_came() -> None:
         port.add_tap(lambda direction, data, now: seen.append(data))
         port.write(b"later")
         assert seen == [b"later"]
-        await port.close()
 
 
 def test_what_no_tap_has_seen_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

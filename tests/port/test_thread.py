@@ -6,6 +6,7 @@ import math
 import os
 import threading
 import time
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -38,6 +39,30 @@ def block_until_read(size: int) -> None:
     while any(inbox.size < size for inbox in inboxes):
         assert time.monotonic() < deadline
         time.sleep(0.001)
+
+
+def read_one_by_one(
+    port: Port, sink: Sink, write: Callable[[bytes], object], shown: Sequence[object] = ()
+) -> list[int]:
+    """Write five bytes while the loop is blocked, each when the one before was read; when they have arrived.
+
+    Nothing is `shown` to taps meanwhile.
+    """
+    port.set_polling(Steady())
+    written, read = [], []
+    for number in range(5):
+        written.append(time.monotonic_ns())
+        write(bytes([number]))
+        block_until_read(number + 1)
+        read.append(time.monotonic_ns())
+    assert not sink.chunks
+    assert not shown
+    port.poll()
+    assert sink.chunks == [b"\0\1\2\3\4"]
+    arrivals = [*sink.arrivals[0], (5, sink.times[0])]
+    assert [count for count, _ in arrivals] == [1, 2, 3, 4, 5]
+    assert all(before <= at <= after for before, (_, at), after in zip(written, arrivals, read, strict=True))
+    return [at for _, at in arrivals]
 
 
 async def test_all_ports_share_one_thread_that_ends_with_the_last() -> None:
@@ -96,22 +121,9 @@ async def test_each_read_has_its_own_time_while_the_loop_is_blocked() -> None:
     async with opened_terminal(1_000_000) as (port, sink, master):
         seen: list[tuple[bytes, int]] = []
         port.add_tap(lambda direction, data, now: seen.append((data, now)))
-        port.set_polling(Steady())
-        written, read = [], []
-        for number in range(5):
-            written.append(time.monotonic_ns())
-            os.write(master, bytes([number]))
-            block_until_read(number + 1)
-            read.append(time.monotonic_ns())
-        assert seen == []
-        port.poll()
-        assert sink.chunks == [b"\0\1\2\3\4"]
-        arrivals = [*sink.arrivals[0], (5, sink.times[0])]
-        assert [count for count, _ in arrivals] == [1, 2, 3, 4, 5]
+        times = read_one_by_one(port, sink, lambda data: os.write(master, data), seen)
         # The taps are shown the same.
-        assert seen == [(bytes([number]), at) for number, (_, at) in enumerate(arrivals)]
-        for before, (_, at), after in zip(written, arrivals, read, strict=True):
-            assert before <= at <= after
+        assert seen == [(bytes([number]), at) for number, at in enumerate(times)]
 
 
 async def test_taps_see_what_the_thread_read_before_what_is_written_later() -> None:

@@ -21,7 +21,7 @@ from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.thread import ReadingThread, Watched
 from tests.port.test_thread import Steady, block_until_read, threads
-from tests.support.interrupt import StartedThreads, as_if_running, interrupted_at_call
+from tests.support.interrupt import StartedThreads, as_if_running, at_every_call, interrupted_at_call
 from tests.support.ports import PATIENCE_S, Sink, terminal_pair
 
 pytestmark = pytest.mark.usefixtures("quick_collection")
@@ -57,28 +57,21 @@ def is_read(thread: ReadingThread, place: str) -> None:
 
 
 @pytest.mark.parametrize("at", ["add", "remove"])
-@pytest.mark.parametrize("others", [0, 1])
-def test_ctrl_c_at_every_call_of_adding_and_removing(at: str, others: int) -> None:
-    number = 0
-    with StartedThreads() as started:
-        while True:
-            thread, other = ReadingThread(), Reads().watched()
-            for _ in range(others):
-                thread.add(other)
-            watched = Reads().watched()
-            if at == "add":
-                place = interrupted_at_call(number, partial(thread.add, watched))
-            else:
-                thread.add(watched)
-                place = interrupted_at_call(number, partial(thread.remove, watched))
-            thread.remove(watched)
-            is_read(thread, place)
-            thread.remove(other)
-            started.all_ended(place)
-            if not place:
-                break
-            number += 1
-    assert number >= 3
+@pytest.mark.parametrize("others", [False, True])
+def test_ctrl_c_at_every_call_of_adding_and_removing(at: str, others: bool) -> None:
+    def tried(number: int, started: StartedThreads) -> str:
+        thread, other, watched = ReadingThread(), Reads().watched(), Reads().watched()
+        if others:
+            thread.add(other)
+        if at == "remove":
+            thread.add(watched)
+        place = interrupted_at_call(number, partial(getattr(thread, at), watched))
+        thread.remove(watched)
+        is_read(thread, place)
+        thread.remove(other)
+        return place
+
+    assert at_every_call(tried) >= 3
 
 
 @contextmanager
@@ -93,25 +86,22 @@ def plain_loop() -> Iterator[asyncio.AbstractEventLoop]:
 @pytest.mark.parametrize("at", ["begin", "end"])
 @pytest.mark.exhaustive("stride", sample=[5], full=[1])
 def test_ctrl_c_at_every_call_of_a_stream(at: str, stride: int) -> None:
-    number = stride // 2
-    with StartedThreads() as started, terminal_pair() as (master, _, path), plain_loop() as loop:
-        while True:
-            port = loop.run_until_complete(open_serial(path, 1_000_000))
-            sink = Sink()
+    with terminal_pair() as (master, _, path), plain_loop() as loop:
+
+        def tried(number: int, started: StartedThreads) -> str:
+            port, sink = loop.run_until_complete(open_serial(path, 1_000_000)), Sink()
             port.attach(sink)
-            if at == "begin":
-                place = interrupted_at_call(number, partial(port.set_polling, Steady()))
-            else:
+            if at == "end":
                 port.set_polling(Steady())
-                place = interrupted_at_call(number, partial(port.set_polling, None))
+            schedule = Steady() if at == "begin" else None
+            place = interrupted_at_call(number, partial(port.set_polling, schedule))
             reads_as_ever(port, sink, master, place)
             loop.run_until_complete(port.close())
             started.all_ended(place)
             assert not threads(), place
-            if not place:
-                break
-            number += stride
-    assert number > 20
+            return place
+
+        assert at_every_call(tried, stride) * stride > 20
 
 
 def reads_as_ever(port: Port, sink: Sink, master: int, place: str) -> None:
@@ -130,9 +120,9 @@ def reads_as_ever(port: Port, sink: Sink, master: int, place: str) -> None:
 
 
 def test_ctrl_c_at_every_call_of_a_blocking_call() -> None:
-    number = 0
-    with StartedThreads() as started, plain_loop() as loop:
-        while True:
+    with plain_loop() as loop:
+
+        def tried(number: int, started: StartedThreads) -> str:
             made: list[object] = []
             discarded: list[object] = []
             coroutine = run_in_thread(partial(make, made), discarded.append)
@@ -143,10 +133,9 @@ def test_ctrl_c_at_every_call_of_a_blocking_call() -> None:
             loop.run_until_complete(asyncio.sleep(0))
             coroutine.close()
             assert discarded == made, place
-            if not place:
-                break
-            number += 1
-    assert number > 10
+            return place
+
+        assert at_every_call(tried) > 10
 
 
 def make(made: list[object]) -> object:

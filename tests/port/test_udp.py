@@ -2,11 +2,13 @@
 
 import asyncio
 import socket
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 
 import pytest
 
 from lidario import ConnectFailed, DeviceLost, open_lidar
+from lidario.port.port import Port
 from lidario.port.sockets import open_udp
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import UdpServer
@@ -23,23 +25,34 @@ def peer() -> Iterator[socket.socket]:
         yield made
 
 
-@on_both_loops
-async def test_bytes_both_ways(peer: socket.socket) -> None:
+@asynccontextmanager
+async def connected(peer: socket.socket) -> AsyncIterator[tuple[Port, Sink, tuple[str, int]]]:
+    """A port whose first request the peer has read, what it brings, and where it is; closed behind the block."""
     port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
-    assert (port.baudrate, port.is_open) == (0, True)
     port.attach(sink)
     # Reaches the system before `write` returns: nothing else runs between these two lines.
     port.write(b"request")
     data, client = peer.recvfrom(100)
     assert data == b"request"
-    for piece in (b"resp", b"", b"onse"):
-        peer.sendto(piece, client)
-    await sink.until(8)
-    assert bytes(sink.data) == b"response"
-    port.set_dtr(True)
-    port.poll()
-    port.write(b"the last")
+    yield port, sink, client
     await port.close()
+
+
+def source_of(address: tuple[str, int], options: str = "") -> str:
+    return "udp://{}:{}".format(*address) + options
+
+
+@on_both_loops
+async def test_bytes_both_ways(peer: socket.socket) -> None:
+    async with connected(peer) as (port, sink, client):
+        assert (port.baudrate, port.is_open) == (0, True)
+        for piece in (b"resp", b"", b"onse"):
+            peer.sendto(piece, client)
+        await sink.until(8)
+        assert bytes(sink.data) == b"response"
+        port.set_dtr(True)
+        port.poll()
+        port.write(b"the last")
     assert peer.recv(100) == b"the last"
     assert sink.lost == [None]
     port.write(b"ignored")
@@ -59,7 +72,7 @@ async def test_of_several_addresses_ipv4_is_taken(peer: socket.socket, monkeypat
 @on_both_loops
 async def test_each_request_is_a_datagram_of_its_own(peer: socket.socket) -> None:
     """No document says that a device looks for a second request in one."""
-    source = "udp://{}:{}?family=rplidar".format(*peer.getsockname())
+    source = source_of(peer.getsockname(), "?family=rplidar")
     opening = asyncio.ensure_future(open_lidar(source).__aenter__())
     loop = asyncio.get_running_loop()
     first = await loop.run_in_executor(None, peer.recv, 100)
@@ -73,64 +86,56 @@ async def test_each_request_is_a_datagram_of_its_own(peer: socket.socket) -> Non
 @on_both_loops
 async def test_what_waits_behind_a_blocked_loop_came_together(peer: socket.socket) -> None:
     """Dated one by one, each datagram would seem to have come when it was its turn to be read."""
-    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
-    port.attach(sink)
-    port.write(b"request")
-    _, client = peer.recvfrom(100)
     sent = [b"%03d" % number for number in range(200)]
-    for each in sent:  # nothing is awaited: the loop is blocked
-        peer.sendto(each, client)
-    assert arrived(peer)
-    await sink.until(600)
-    assert sink.chunks == [b"".join(sent)]
-    await port.close()
+    async with connected(peer) as (_, sink, client):
+        for each in sent:  # nothing is awaited: the loop is blocked
+            peer.sendto(each, client)
+        assert arrived(peer)
+        await sink.until(600)
+        assert sink.chunks == [b"".join(sent)]
 
 
 @pytest.mark.parametrize(("name", "most", "read"), [("MOST_READS", 8, 24), ("MOST_BYTES", 9, 9)])
 async def test_a_flood_is_read_in_parts(
     peer: socket.socket, name: str, most: int, read: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
     monkeypatch.setattr(f"lidario.port.inbox.{name}", most)
-    port.attach(sink)
-    port.write(b"request")
-    _, client = peer.recvfrom(100)
-    for number in range(100):
-        peer.sendto(b"%03d" % number, client)
-    assert arrived(peer)
-    await sink.until(300)
-    assert {len(each) for each in sink.chunks[:-1]} == {read}
-    await port.close()
+    async with connected(peer) as (_, sink, client):
+        for number in range(100):
+            peer.sendto(b"%03d" % number, client)
+        assert arrived(peer)
+        await sink.until(300)
+        assert {len(each) for each in sink.chunks[:-1]} == {read}
 
 
 @pytest.mark.long
 @on_both_loops
 async def test_what_the_system_does_not_send_is_not_the_end(peer: socket.socket) -> None:
     """As where a network card has no room; no datagram is as long as this one."""
-    port, sink = await open_udp("udp://x", *peer.getsockname()), Sink()
-    port.attach(sink)
-    port.write(bytes(70_000))
-    await asyncio.sleep(0.001)
-    assert port.is_open
-    port.write(b"request")
-    assert peer.recvfrom(100)[0] == b"request"
-    await port.close()
+    async with connected(peer) as (port, _, _):
+        port.write(bytes(70_000))
+        await asyncio.sleep(0.001)
+        assert port.is_open
+        port.write(b"another")
+        assert peer.recvfrom(100)[0] == b"another"
 
 
 @pytest.mark.long
 @on_both_loops
-async def test_a_session() -> None:
+async def test_sessions_one_behind_the_other() -> None:
+    """The last client is the one that is served."""
     rig = make_rig("rplidar-s2e", world=make_world("circle"))
     with UdpServer(rig.device) as server:
-        source = "udp://{}:{}".format(*server.address)
-        async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar:
-            assert lidar.info.model == "RPLIDAR S2E"
-            scan = await lidar.scan()
-            assert len(scan) == pytest.approx(3200, abs=3)
-            assert scan.ranges[scan.ranges > 0] == pytest.approx(2.0, abs=0.01)
-            await lidar.get_health()
-            await lidar.scan()
+        for _ in range(2):
+            async with asyncio.timeout(PATIENCE_S), open_lidar(source_of(server.address)) as lidar:
+                assert lidar.info.model == "RPLIDAR S2E"
+                scan = await lidar.scan()
+                assert len(scan) == pytest.approx(3200, abs=3)
+                assert scan.ranges[scan.ranges > 0] == pytest.approx(2.0, abs=0.01)
+                await lidar.get_health()
+                await lidar.scan()
         assert server.lost == 0
+    assert names(rig).count("express_scan") >= 4
     assert left_still(rig)
 
 
@@ -149,12 +154,11 @@ async def test_a_refusal_that_the_thread_meets_is_told(peer: socket.socket) -> N
 
 @on_both_loops
 async def test_where_nothing_listens(peer: socket.socket) -> None:
-    host, number = peer.getsockname()
+    source = source_of(peer.getsockname())
     peer.close()
-    with pytest.raises(
-        ConnectFailed, match=r"\d: nothing listens at this UDP port\. Are address and port right\?$"
-    ) as caught:
-        await open_lidar(f"udp://{host}:{number}")
+    told = r"\d: nothing listens at this UDP port\. Are address and port right\?$"
+    with pytest.raises(ConnectFailed, match=told) as caught:
+        await open_lidar(source)
     # As by TCP, although the port could be opened: only a request shows that nobody is there.
     assert caught.value.reason == "refused"
 
@@ -163,7 +167,7 @@ async def test_where_nothing_listens(peer: socket.socket) -> None:
 async def test_a_host_that_is_silent(peer: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     impatient(monkeypatch)
     with pytest.raises(ConnectFailed, match="in its network") as caught:
-        await open_lidar("udp://{}:{}".format(*peer.getsockname()))
+        await open_lidar(source_of(peer.getsockname()))
     assert caught.value.reason == "silent"
 
 
@@ -177,7 +181,7 @@ async def test_an_address_that_cannot_be(address: str) -> None:
 async def test_a_device_that_is_pulled_out_is_noticed() -> None:
     rig = make_rig("rplidar-s2e")
     with UdpServer(rig.device) as server:
-        source = "udp://{}:{}?family=rplidar".format(*server.address)
+        source = source_of(server.address, "?family=rplidar")
         async with asyncio.timeout(PATIENCE_S), open_lidar(source) as lidar, lidar.scans() as stream:
             await anext(stream)
             server.unplug()
@@ -203,15 +207,3 @@ async def test_an_ethernet_model_is_simulated_by_udp() -> None:
         assert lidar.info.model == "RPLIDAR T1M1"
         assert lidar.baudrate == 0
         assert "DenseBoost" in [mode.name for mode in await lidar.get_modes()]
-
-
-@pytest.mark.long
-async def test_the_last_client_is_the_one_that_is_served() -> None:
-    rig = make_rig("rplidar-s2e")
-    with UdpServer(rig.device) as server:
-        source = "udp://{}:{}?family=rplidar".format(*server.address)
-        async with asyncio.timeout(PATIENCE_S):
-            for _ in range(2):
-                async with open_lidar(source) as lidar:
-                    await lidar.scan()
-    assert names(rig).count("express_scan") == 2

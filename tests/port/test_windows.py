@@ -2,52 +2,21 @@
 
 These tests take that way on Linux. What does not depend on the system is real: pyserial on a pseudo-terminal, the
 part of pyserial-asyncio that is meant for Windows, and an event loop that refuses to wait for a terminal.
-`test_serial` has what holds on each system alike.
+`test_serial`, `test_blocked_loop` and `test_repeat` have what holds on each system alike.
 """
 
 import asyncio
-import os
-import select
 import time
 
 import pytest
 
 from lidario.session.opening import open_lidar
 from lidario.sim.serve import PtyServer
-from tests.port.test_thread import Steady, block_until_read, threads
+from tests.port.test_thread import threads
 from tests.support.devices import both_families, left_still, make_rig
-from tests.support.ports import PATIENCE_S, opened_terminal, written
+from tests.support.ports import PATIENCE_S
 
 pytestmark = pytest.mark.usefixtures("windows")
-REQUEST = b"\xa5\x60"
-
-
-async def test_a_blocked_loop_loses_nothing() -> None:
-    """Five times what the terminal holds comes while the loop stands still."""
-    async with opened_terminal(1_000_000) as (port, sink, master):
-        port.set_polling(Steady())
-        assert len(threads()) == 1
-        os.set_blocking(master, False)
-        sent, deadline = bytes(range(250)) * 400, time.monotonic() + PATIENCE_S
-        at = 0
-        while at < len(sent):
-            assert time.monotonic() < deadline, f"the line is full after {at} bytes"
-            # Nothing of this program reads but the thread.
-            if select.select([], [master], [], 1.0)[1]:
-                at += os.write(master, sent[at : at + 1000])
-        block_until_read(len(sent))
-        port.poll()
-        assert bytes(sink.data) == sent
-    assert threads() == []
-
-
-async def test_the_thread_repeats_a_request_while_the_loop_is_blocked() -> None:
-    async with opened_terminal(1_000_000) as (port, _, master):
-        port.set_polling(Steady())
-        port.set_repeat(REQUEST, 0.02)
-        assert written(master, len(REQUEST)) == REQUEST
-        port.set_repeat(b"")
-        assert port.repeated >= 1
 
 
 @pytest.mark.long

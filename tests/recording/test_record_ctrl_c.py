@@ -9,17 +9,17 @@ from pathlib import Path
 import pytest
 
 from tests.support.devices import make_rig
-from tests.support.interrupt import StartedThreads, as_if_running, interrupted_at_call
+from tests.support.interrupt import StartedThreads, as_if_running, at_every_call, interrupted_at_call
 from tests.support.loop import DrivenLoop
 
 
 @pytest.mark.long
 @pytest.mark.exhaustive("stride", sample=[4], full=[1])
 def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
-    with StartedThreads() as started, closing(DrivenLoop()) as loop:
+    with closing(DrivenLoop()) as loop:
         lidar = loop.run_until_complete(make_rig("rplidar").open().__aenter__())
-        number, place = stride // 2, "at first"
-        while place:
+
+        def tried(number: int, started: StartedThreads) -> str:
             recording = lidar.record(tmp_path / f"{number}.mcap")
             starting = recording.start()
             with as_if_running(loop):
@@ -33,6 +33,7 @@ def test_ctrl_c_at_every_call_of_starting(stride: int, tmp_path: Path) -> None:
             del recording, starting
             gc.collect()
             assert kept() is None, place
-            number += stride
-        assert number > 40
+            return place
+
+        assert at_every_call(tried, stride) * stride > 36
         loop.run_until_complete(lidar.close())

@@ -160,3 +160,22 @@ class StartedThreads:
         while len(self._ended) < self._asked or threading.active_count() > self._before:
             assert time.monotonic() < deadline, (place, threading.enumerate())
             time.sleep(0.0005)
+
+
+def at_every_call(tried: Callable[[int, StartedThreads], str], stride: int = 1) -> int:
+    """Try something with Ctrl-C at every so many-th call of it; behind each, the threads of it end.
+
+    Args:
+        tried: Is told at which call, and returns where that was, or "" when there are fewer.
+        stride: One of so many calls.
+
+    Returns:
+        At how many calls it was.
+    """
+    number, count = stride // 2, 0
+    with StartedThreads() as started:
+        while place := tried(number, started):
+            started.all_ended(place)
+            number, count = number + stride, count + 1
+        started.all_ended("without Ctrl-C")
+    return count
