@@ -101,7 +101,8 @@ def live(
         line.damage(DAMAGE, seed, 0)
         with cable_to(replace(rig, device=line)) as cable:
             async with lidario.open_lidar(line, reconnect=True) as lidar:
-                recording = lidar.record(folder / "day.mcap", split_s=split_s, keep_bytes=keep_bytes)
+                # No disk is as fast as driven time.
+                recording = lidar.record(folder / "day.mcap", sync=False, split_s=split_s, keep_bytes=keep_bytes)
                 async with recording, lidar.scans(depth=64) as stream:
                     troubles = asyncio.create_task(_trouble(cable, rig.device, random.Random(seed), mean_s))
                     await _read(stream, recording, seconds, day, seen, folder)

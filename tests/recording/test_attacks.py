@@ -14,6 +14,7 @@ from types import FrameType
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 
 import lidario
 from lidario.recording.decode_file import FileDecoder
@@ -124,6 +125,14 @@ def test_no_flipped_bit_passes_without_a_word(live: Live, tmp_path: Path, tries:
         assert damage or figures(flipped) == right, at
 
 
+def chunks_of(path: Path) -> list[ChunkIndex]:
+    """As the index of the file tells them."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return summary.chunk_indexes
+
+
 def pieces_of(path: Path) -> dict[int, bytes]:
     """The pieces of a recording by the times at which they came."""
     return {piece.at_ns: piece.data for piece in open_stored(path).pieces()}
@@ -149,10 +158,7 @@ def test_what_stands_behind_the_end_of_a_file_is_told(live: Live, tmp_path: Path
 def test_a_damaged_chunk_takes_only_its_own_bytes_with_it(live: Live, tmp_path: Path, number: int) -> None:
     """Also the one in which the stream began, and the channels were told."""
     data = bytearray(live.path.read_bytes())
-    with live.path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    chunk = summary.chunk_indexes[number]
+    chunk = chunks_of(live.path)[number]
     data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 1
     damaged, copy = tmp_path / "damaged.mcap", tmp_path / "copy.mcap"
     damaged.write_bytes(data)
@@ -178,11 +184,8 @@ async def change_the_mode(lidar: Lidar, live: Live) -> None:
 def test_streams_that_begin_and_end_in_damaged_chunks_are_told_apart(tmp_path: Path) -> None:
     live = record(tmp_path / "a.mcap", "sim://rplidar-s2", act=change_the_mode)
     right = {scan.stamp_ns: scan for scan in lidario.decode_file(live.path)}
-    with live.path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
     damaged = tmp_path / "damaged.mcap"
-    for chunk in summary.chunk_indexes:
+    for chunk in chunks_of(live.path):
         data = bytearray(live.path.read_bytes())
         data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 1
         damaged.write_bytes(data)
@@ -277,10 +280,7 @@ def test_a_flood_ends_a_chunk_before_its_second_is_over(tmp_path: Path, live: Li
     stored = open_stored(path)
     assert stored.damage == ""
     assert sum(len(piece.data) for piece in stored.pieces()) > 19 << 20
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    assert all(chunk.chunk_length < 6 << 20 for chunk in summary.chunk_indexes)
+    assert all(chunk.chunk_length < 6 << 20 for chunk in chunks_of(path))
 
 
 PATHS = """

@@ -2,17 +2,14 @@
 
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from lidario import CannotRecord
 from lidario.recording.export import write_whole
-from tests.support.children import BOUND, child, gone_behind, line_of
+from tests.support.children import BOUND, child, finished, line_of, started
 
-ROOT = Path(__file__).resolve().parents[2]
 WRITES = """
 import sys, time
 from pathlib import Path
@@ -95,39 +92,29 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture
-def waits(tmp_path: Path) -> list[str]:
-    """A program whose processes have long work to do, as the words of a command: spawned ones need its file."""
-    program = tmp_path / "waits.py"
-    program.write_text(WAITS)
-    return [sys.executable, str(program)]
+def written(folder: Path, program: str) -> str:
+    """A program as a file: processes that are spawned need it."""
+    path = folder / "program.py"
+    path.write_text(program)
+    return str(path)
 
 
 @pytest.mark.long
-def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(waits: list[str]) -> None:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(waits, env=environment, capture_output=True, timeout=BOUND, check=False)
-    assert done.stderr.endswith(b"KeyboardInterrupt\n")
+def test_ctrl_c_does_not_wait_for_the_files_of_other_processes(tmp_path: Path) -> None:
+    assert finished(written(tmp_path, WAITS)).stderr.endswith("KeyboardInterrupt\n")
 
 
 @pytest.mark.long
 def test_ctrl_c_which_a_terminal_sends_to_all_is_for_the_command_alone(tmp_path: Path) -> None:
     """A process that is about to begin would end with a traceback."""
-    (tmp_path / "deaf.py").write_text(DEAF)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    words = [sys.executable, str(tmp_path / "deaf.py")]
-    assert subprocess.check_output(words, env=environment, timeout=BOUND) == b"False True True True\n"
+    assert finished(written(tmp_path, DEAF)).stdout == "False True True True\n"
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_ends_the_other_processes_and_leaves_nothing(waits: list[str], number: signal.Signals) -> None:
+def test_a_signal_ends_the_other_processes_and_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     """Python told of semaphores that had leaked."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        [*waits, "on"], env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    with gone_behind(process):
+    with started(written(tmp_path, WAITS), "on") as process:
         line_of(process.stdout)
         process.send_signal(number)
         _, said = process.communicate(timeout=BOUND)
@@ -136,10 +123,8 @@ def test_a_signal_ends_the_other_processes_and_leaves_nothing(waits: list[str], 
 
 
 @pytest.mark.long
-def test_when_it_is_killed_no_other_process_goes_on(waits: list[str]) -> None:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen([*waits, "on"], env=environment, text=True, stdout=subprocess.PIPE)
-    with gone_behind(process):
+def test_when_it_is_killed_no_other_process_goes_on(tmp_path: Path) -> None:
+    with started(written(tmp_path, WAITS), "on") as process:
         line_of(process.stdout)
         process.kill()
         # It ends when nobody can write to it any more.

@@ -199,35 +199,33 @@ def test_a_scan_does_not_begin_before_the_one_before_has_ended(name: str) -> Non
     assert found.overlap_ms < 0.001
 
 
-@pytest.mark.parametrize("data", [b"", b"\xa5", b"\x00" * 5000, bytes(range(256)) * 40, INFO + HEALTH])
-def test_bytes_without_a_stream_are_refused_when_asked(data: bytes) -> None:
-    with pytest.raises(RecordingError, match="no measurement stream"):
-        lidario.decode(data)
-    with pytest.raises(RecordingError, match="no measurement stream"):
-        lidario.decode_arrays(data)
+NO_STREAM = (b"", b"\xa5", b"\x00" * 5000, bytes(range(256)) * 40, INFO + HEALTH)
 
 
-def test_another_family_than_named_is_refused() -> None:
-    with pytest.raises(RecordingError, match="ydlidar"):
-        lidario.decode(whole(KINDS[4]), family="ydlidar")
-    with pytest.raises(ConnectFailed, match="no lidar family"):
-        lidario.decode(whole(KINDS[4]), family="velodyne")
+@pytest.mark.parametrize(
+    ("data", "known", "error", "why"),
+    [
+        *((data, {}, RecordingError, "no measurement stream") for data in NO_STREAM),
+        (whole(KINDS[4]), {"family": "ydlidar"}, RecordingError, "ydlidar"),
+        (whole(KINDS[4]), {"family": "velodyne"}, ConnectFailed, "no lidar family"),
+        *(
+            (whole(KINDS[4]), {"sample_us": sample_us}, InvalidValue, "sample_us")
+            for sample_us in (0, -1.0, math.nan, math.inf, 1e7, "31")
+        ),
+        ("raw.bin", {}, InvalidValue, ""),
+    ],
+)
+@pytest.mark.parametrize("decode", [lidario.decode, lidario.decode_arrays])
+def test_what_cannot_be_decoded_is_refused_when_asked(
+    decode: Callable[..., object], data: Any, known: dict[str, Any], error: type[Exception], why: str
+) -> None:
+    with pytest.raises(error, match=why or None):
+        decode(data, **known)
 
 
 def test_a_descriptor_with_nothing_behind_it_has_no_scans() -> None:
     arrays = lidario.decode_arrays(KINDS[4].descriptor, family="rplidar")
     assert (len(arrays.device_angles), arrays.starts.tolist(), len(arrays.stamps_ns)) == (0, [0], 0)
-
-
-@pytest.mark.parametrize("sample_us", [0, -1.0, math.nan, math.inf, 1e7, "31"])
-def test_a_time_of_a_sample_that_cannot_be_is_refused(sample_us: Any) -> None:
-    with pytest.raises(InvalidValue, match="sample_us"):
-        lidario.decode(whole(KINDS[4]), sample_us=sample_us)
-
-
-def test_text_is_not_bytes() -> None:
-    with pytest.raises(InvalidValue):
-        lidario.decode("raw.bin")  # type: ignore[arg-type]
 
 
 def test_what_goes_in_and_comes_out_can_be_pickled() -> None:

@@ -223,11 +223,17 @@ def test_recordings_of_one_lidar_follow_each_other(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.long
-def test_recordings_of_the_same_time_are_not_one(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        record(tmp_path / name, "sim://rplidar-s2", 15)
-    with pytest.raises(RecordingError, match="of the same time"):
+@pytest.mark.parametrize(
+    ("models", "why"),
+    [(("rplidar-s2", "rplidar-s2"), "of the same time"), (("rplidar-s2", "ldrobot-ld06"), "several lidars")],
+)
+def test_recordings_of_the_same_time_or_of_two_lidars_are_not_one(
+    tmp_path: Path, models: tuple[str, ...], why: str
+) -> None:
+    for number, model in enumerate(models):
+        (tmp_path / str(number)).mkdir()
+        record(tmp_path / str(number), f"sim://{model}", 15)
+    with pytest.raises(RecordingError, match=why):
         lidario.summarize(tmp_path / "*" / "run-*.mcap")
 
 
@@ -259,26 +265,19 @@ def test_a_name_with_brackets_is_no_pattern(tmp_path: Path) -> None:
     assert_same_scans(made.scans, replayed(made.source))
 
 
-def test_a_pattern_of_files_of_which_none_is_mcap(tmp_path: Path) -> None:
-    """As where the disk was full: a file has its name and nothing else."""
-    for name in ("run-1.mcap", "run-2.mcap"):
+@pytest.mark.parametrize(
+    ("names", "why"),
+    # As where the disk was full: a file has its name and nothing else.
+    [
+        (("run-1.mcap", "run-2.mcap"), "2 files, and none begins as MCAP does: they are empty"),
+        ((), "fits this pattern"),
+    ],
+)
+def test_a_pattern_of_files_of_which_none_is_mcap(tmp_path: Path, names: tuple[str, ...], why: str) -> None:
+    for name in names:
         (tmp_path / name).touch()
-    with pytest.raises(RecordingError, match="2 files, and none begins as MCAP does: they are empty"):
+    with pytest.raises(RecordingError, match=why):
         lidario.summarize(tmp_path / "run-*.mcap")
-
-
-def test_a_pattern_that_nothing_fits(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="fits this pattern"):
-        lidario.summarize(tmp_path / "run-*.mcap")
-
-
-@pytest.mark.long
-def test_recordings_of_two_lidars_are_not_one(tmp_path: Path) -> None:
-    for model in ("rplidar-s2", "ldrobot-ld06"):
-        (tmp_path / model).mkdir()
-        record(tmp_path / model, f"sim://{model}", 15)
-    with pytest.raises(RecordingError, match="several lidars"):
-        lidario.summarize(tmp_path / "*" / "run-*.mcap")
 
 
 def merged(paths: Sequence[Path], into: Path, *, once: bool = False) -> Path:

@@ -3,19 +3,22 @@
 What a disk holds is taken for what was in the file when it was told to write; no power was cut.
 """
 
-import asyncio
 import errno
 import os
 import shutil
-import time
+import threading
 from collections.abc import Callable
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import lidario
 from lidario.recording.decode_file import FileDecoder
 from lidario.scan import Scan
+from tests.support.devices import some
 from tests.support.loop import driven, run_driven
 
 pytestmark = pytest.mark.long
@@ -23,49 +26,53 @@ SOURCE = "sim://rplidar-s2?via=memory&world=circle"
 SCANS = 30
 
 
-async def recorded(path: Path, *, sync: bool = True) -> tuple[list[Scan], list[float]]:
-    """Some seconds at true pace: the scans, and when each was there."""
-    scans, times = list[Scan](), list[float]()
+async def recorded(path: Path, *, sync: bool = True) -> list[Scan]:
+    """Some seconds of scans."""
     async with lidario.open_lidar(SOURCE) as lidar, lidar.record(path, sync=sync), lidar.scans(depth=64) as stream:
-        async for scan in stream:
-            scans.append(scan)
-            times.append(time.monotonic())
-            if len(scans) == SCANS:
-                break
-    return scans, times
+        return await some(stream, SCANS)
+
+
+def stamps_in(path: Path) -> list[int]:
+    """Of the scans of a file; none where no stream has begun in it."""
+    with suppress(lidario.RecordingError):
+        return [scan.stamp_ns for scan in FileDecoder(path)]
+    return []
 
 
 def told(monkeypatch: pytest.MonkeyPatch, instead: Callable[[int], None]) -> None:
     monkeypatch.setattr("lidario.recording.write.os.fsync", instead)
 
 
-def test_what_the_disk_has_is_readable_and_nearly_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, disk = tmp_path / "a.mcap", list[tuple[float, Path]]()
-    sync = os.fsync
+def test_each_second_is_readable_on_the_disk_a_quarter_of_one_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, disk, sync = tmp_path / "a.mcap", list[Path](), os.fsync
+    waits = set[float | None]()
 
     def take(handle: int) -> None:
         sync(handle)
-        copy = tmp_path / f"disk-{len(disk)}.mcap"
-        shutil.copy(path, copy)
-        disk.append((time.monotonic(), copy))
+        disk.append(Path(shutil.copy(path, tmp_path / f"disk-{len(disk)}.mcap")))
+
+    class Looked(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            waits.add(timeout)
+            return super().wait(0.001)
 
     told(monkeypatch, take)
-    scans, times = asyncio.run(recorded(path))
+    monkeypatch.setattr("lidario.recording.record.threading", SimpleNamespace(Event=Looked))
+    stamps = [scan.stamp_ns for scan in run_driven(lambda: recorded(path))]
     # The first is the folder, the second the head of the file, the last one the whole of it.
-    assert len(disk) >= 5
-    for at, copy in disk[2:]:
-        kept = [scan.stamp_ns for scan in FileDecoder(copy)]
-        assert kept == [scan.stamp_ns for scan in scans][: len(kept)]
-        # A second that is collected, a quarter until the thread looks, and what a busy machine adds; ten a second.
-        missing = sum(come < at for come in times) - len(kept)
-        assert missing <= 20
-    assert len(list(FileDecoder(disk[-1][1]))) >= SCANS
+    kept = [stamps_in(copy) for copy in disk[2:]]
+    assert all(each == stamps[: len(each)] for each in kept[:-1])
+    assert kept[-1][:SCANS] == stamps
+    # Ten scans a second.
+    assert max(after - before for before, after in pairwise([0, *map(len, kept)])) <= 11
+    assert waits == {0.25}
 
 
 def test_who_does_not_want_it_waits_for_no_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told(monkeypatch, lambda _: pytest.fail("the disk was told to write"))
-    scans, _ = run_driven(lambda: recorded(tmp_path / "a.mcap", sync=False))
-    assert len(scans) == SCANS
+    assert len(run_driven(lambda: recorded(tmp_path / "a.mcap", sync=False))) == SCANS
 
 
 @pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP])

@@ -67,7 +67,8 @@ def record(
 ) -> Live:
     """Record `count` scans of a simulated device, or what `act` does with it, without a loss.
 
-    It is in memory unless its source says otherwise; path and options are as for `Lidar.record`.
+    It is in memory unless its source says otherwise; path and options are as for `Lidar.record`. No disk is waited
+    for: many a test records, and what a power cut leaves is tested for itself.
     """
     if "via=" not in source:
         source += f"{'&' if '?' in source else '?'}via=memory"
@@ -76,7 +77,7 @@ def record(
         async with open_lidar(source, reconnect=True) as lidar:
             live = Live(path, lidar.info, lidar.health)
             lidar.tap(lambda direction, data, now: live.chunks.append((direction, data, now)))
-            async with lidar.record(path, overwrite=True, **options) as recording:
+            async with lidar.record(path, overwrite=True, **{"sync": False, **options}) as recording:
                 if act is None:
                     await take_scans(lidar, live, count)
                 else:
