@@ -26,7 +26,7 @@ from lidario.session.streaming.stream import ScanStream
 from lidario.sim.serve import PtyServer
 from lidario.testing import SimulatedLidar
 from tests.cli.processes import served
-from tests.support.children import child, is_still, line_of, was_stopped
+from tests.support.children import BOUND, child, is_still, line_of, until, was_stopped
 from tests.support.devices import both_families, is_off, left_still, make_rig
 
 
@@ -87,10 +87,8 @@ def test_a_reader_that_computes_gets_the_latest_scan() -> None:
     with open_sync(rig.device) as lidar:
         with lidar.scans() as scans:
             first = next(scans)
-            before, deadline = lidar.stats.scans, time.monotonic() + 30.0
-            while lidar.stats.scans < before + 4:
-                assert time.monotonic() < deadline
-                time.sleep(0.001)
+            before = lidar.stats.scans
+            until(lambda: lidar.stats.scans >= before + 4)
             latest = next(scans)
             assert latest.seq >= first.seq + 3
             assert scans.dropped == latest.dropped_before > 0
@@ -155,9 +153,9 @@ def test_closing_ends_what_other_threads_wait_for() -> None:
 
     thread = threading.Thread(target=read)
     thread.start()
-    assert first.wait(30)
+    assert first.wait(BOUND)
     lidar.close()
-    thread.join(30)
+    thread.join(BOUND)
     assert not thread.is_alive()
     assert [type(error) for error in ended] == [lidario.SessionClosed]
     assert left_still(rig)
@@ -194,10 +192,7 @@ def test_one_that_nobody_holds_is_closed() -> None:
     next(lidar.scans())
     del lidar
     gc.collect()
-    deadline = time.monotonic() + 30
-    while not left_still(rig):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    until(lambda: left_still(rig))
 
 
 @pytest.mark.long
@@ -260,10 +255,7 @@ def test_ctrl_c_at_any_moment(family: str, rounds: int, request: pytest.FixtureR
 
 
 def wait_for_threads(before: set[threading.Thread]) -> None:
-    deadline = time.monotonic() + 30
-    while left := [thread for thread in threading.enumerate() if thread not in before]:
-        assert time.monotonic() < deadline, left
-        left[0].join(0.1)
+    until(lambda: before.issuperset(threading.enumerate()), threading.enumerate)
 
 
 def test_one_that_was_not_started_ends_when_its_thread_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -300,7 +292,7 @@ def test_a_session_that_opens_just_as_it_is_cancelled_is_closed() -> None:
     loop = LoopThread()
     opening = threading.Thread(target=loop.open, args=(Opening(),))
     opening.start()
-    assert begun.wait(30.0)
+    assert begun.wait(BOUND)
     loop.end()
     opening.join()
     assert closed.is_set()
@@ -332,7 +324,7 @@ def test_a_program_that_ends_without_closing(ending: tuple[str, int | None]) -> 
                 assert line_of(process.stdout).strip().isdecimal()
             if code is None:
                 process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=30)
+            _, said = process.communicate(timeout=BOUND)
         assert process.returncode == (-signal.SIGINT if code is None else code), said
         assert was_stopped(server)
         assert is_still(server)

@@ -118,23 +118,20 @@ def no_threads(*, started_directly: bool = True) -> Iterator[None]:
         yield
 
 
-@pytest.mark.parametrize("started_directly", [True, False])
-async def test_what_blocks_is_not_called(started_directly: bool) -> None:
-    with no_threads(started_directly=started_directly), pytest.raises(ConnectFailed, match=NO_THREADS):
-        await run_in_thread(lambda: None)
+directly_or_not = pytest.mark.parametrize("started_directly", [True, False])
 
 
-@pytest.mark.parametrize("started_directly", [True, False])
-def test_a_session_without_await_is_not_opened(started_directly: bool) -> None:
-    with no_threads(started_directly=started_directly), pytest.raises(ConnectFailed, match=NO_THREADS):
-        open_sync(make_rig("rplidar").device)
+@directly_or_not
+async def test_what_blocks_is_not_called_and_a_session_without_await_is_not_opened(started_directly: bool) -> None:
+    with no_threads(started_directly=started_directly):
+        with pytest.raises(ConnectFailed, match=NO_THREADS):
+            await run_in_thread(lambda: None)
+        with pytest.raises(ConnectFailed, match=NO_THREADS):
+            open_sync(make_rig("rplidar").device)
 
 
 def test_a_session_without_await_needs_an_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> NoReturn:
-        raise OSError(errno.EMFILE, "Too many open files")
-
-    monkeypatch.setattr(asyncio.events, "new_event_loop", full)
+    monkeypatch.setattr(asyncio.events, "new_event_loop", failing(LEFT[0][0]))
     with pytest.raises(ConnectFailed, match=r"no event loop: this program may open no more files"):
         open_sync(make_rig("rplidar").device)
 
@@ -177,7 +174,7 @@ def test_the_command_says_it_in_one_line() -> None:
     assert ended.stderr.startswith(f"error: {NO_THREADS}")
 
 
-@pytest.mark.parametrize("started_directly", [True, False])
+@directly_or_not
 def test_a_module_is_loaded_all_the_same(started_directly: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "numpy")
     with no_threads(started_directly=started_directly):

@@ -3,6 +3,8 @@
 import asyncio
 import gc
 import math
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import lidario
 from lidario import Busy, InvalidValue, Mount, Velocity
 from lidario.filters import AngularBoundsFilter
 from lidario.merging import Merged, MergedScans
+from lidario.session.merged import MergedStream
 from lidario.testing import SimulatedLidar, make_scan, room
 from tests.support.cable import on_a_cable
 from tests.support.devices import left_still, make_rig
@@ -204,11 +207,22 @@ async def test_where_the_reader_is_slow_none_is_missing_and_the_latest_scans_win
         assert cloud.at_ns - first.at_ns > 1_500_000_000
 
 
+@asynccontextmanager
+async def two_merged(
+    one: SimulatedLidar | None = None, two: SimulatedLidar | None = None
+) -> AsyncIterator[tuple[lidario.Lidar, lidario.Lidar, MergedStream]]:
+    """Two lidars that are open, and a stream of both."""
+    async with (
+        lidario.open_lidar(one or SimulatedLidar()) as front,
+        lidario.open_lidar(two or SimulatedLidar()) as rear,
+    ):
+        yield front, rear, lidario.merged(front, rear, mounts=[Mount(), Mount()])
+
+
 @pytest.mark.long
 async def test_it_goes_on_with_one_and_ends_with_the_last() -> None:
     one, two = SimulatedLidar(), SimulatedLidar()
-    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
-        stream = lidario.merged(front, rear, mounts=[Mount(), Mount()])
+    async with two_merged(one, two) as (front, rear, stream):
         assert await anext(stream) is not None
         await front.stop()
         async with asyncio.timeout(30):
@@ -277,9 +291,7 @@ async def test_a_reader_ends_when_another_task_closes_its_stream() -> None:
 
 @pytest.mark.parametrize("turns", range(1, 4))
 async def test_closing_that_is_cancelled_is_cancelled(turns: int) -> None:
-    one, two = SimulatedLidar(), SimulatedLidar()
-    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
-        clouds = lidario.merged(front, rear, mounts=[Mount(), Mount()])
+    async with two_merged() as (front, rear, clouds):
         assert len(await anext(clouds)) > 0
         closing = asyncio.ensure_future(clouds.close())
         for _ in range(turns):
@@ -292,11 +304,7 @@ async def test_closing_that_is_cancelled_is_cancelled(turns: int) -> None:
 
 
 async def test_a_stream_goes_on_where_the_program_cancels_all_tasks_and_reads_on() -> None:
-    async with (
-        lidario.open_lidar(SimulatedLidar()) as front,
-        lidario.open_lidar(SimulatedLidar()) as rear,
-        lidario.merged(front, rear, mounts=[Mount(), Mount()]) as clouds,
-    ):
+    async with two_merged() as (_, _, stream), stream as clouds:
         await anext(clouds)
         for task in asyncio.all_tasks() - {asyncio.current_task()}:
             task.cancel()
@@ -312,9 +320,9 @@ async def test_an_error_of_one_ends_all(fault: str) -> None:
     told = list[object]()
     asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
     one, two = SimulatedLidar(fault=fault), SimulatedLidar(fault="unplug:1s")
-    async with lidario.open_lidar(one) as front, lidario.open_lidar(two) as rear:
+    async with two_merged(one, two) as (front, _, clouds):
         with pytest.raises(lidario.DeviceLost):
-            async for _ in lidario.merged(front, rear, mounts=[Mount(), Mount()]):
+            async for _ in clouds:
                 pass
         if not fault:
             await front.stop()

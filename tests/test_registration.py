@@ -3,7 +3,6 @@
 import math
 import random
 from collections.abc import Sequence
-from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import small_gicp
 
 import lidario
 from lidario import InvalidValue, Mount, looseness, read_config, register
-from lidario.sim.serve import PtyServer
+from lidario.source import Source
 from tests.cli.processes import invoke, invoke_driven
 from tests.support.loop import driven
 
@@ -170,22 +169,24 @@ def in_metres(walls: Sequence[Sequence[complex]]) -> list[tuple[tuple[float, flo
 
 
 @pytest.mark.long
-def test_a_lidar_that_hangs_upside_down_is_told() -> None:
+def test_a_lidar_that_hangs_upside_down_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     room = [-3 - 2j, 4 - 2j, 4 + 2.5j, -3 + 2.5j, -3 - 2j]
     cupboard = [1 - 1j, 1.5 - 1j, 1.5 - 0.2j, 1 - 0.2j, 1 - 1j]
     walls = [*pairwise(room), *pairwise(cupboard), (-3 + 1j, -1.5 + 2.5j)]
     # B is 0.5 m ahead of A, 0.5 m to its right, and turned. Upside down, its left is its right.
     upright = [[(end - (0.5 - 0.5j)) * np.exp(-2j) for end in wall] for wall in walls]
     upside_down = [[end.conjugate() for end in wall] for wall in upright]
-    with ExitStack() as stack:
-        a, b, c = (
-            stack.enter_context(PtyServer(lidario.simulate("rplidar-c1", world=world, serial=f"{number:02X}" * 16)))
-            for number, world in enumerate((in_metres(walls), in_metres(upright), in_metres(upside_down)))
-        )
-        good, told = (
-            invoke("calibrate", a.path, each.path, "-n", "2", "--dry-run", "--config", "/dev/null")
-            for each in (b, c)
-        )
+    worlds = [in_metres(each) for each in (walls, upright, upside_down)]
+
+    def make(source: Source) -> tuple[lidario.SimulatedDevice, None]:
+        number = int(source.options["seed"])
+        return lidario.simulate("rplidar-c1", world=worlds[number], serial=f"{number:02X}" * 16), None
+
+    monkeypatch.setattr("lidario.port.simulated.make_device", make)
+    a, *others = (f"sim://rplidar-c1?via=memory&seed={number}" for number in range(3))
+    good, told = (
+        invoke_driven("calibrate", a, each, "-n", "2", "--dry-run", "--config", "/dev/null") for each in others
+    )
     assert good.exit_code == 0, good.stderr
     assert "yaw = 114." in good.stdout
     assert (told.exit_code, told.stdout) == (1, "")

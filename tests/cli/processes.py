@@ -23,20 +23,20 @@ from tests.support.loop import DrivenLoop
 from tests.support.speeds import SpeedPtyServer
 
 
-def invoke(*arguments: str, code: int | None = None) -> Result:
+def invoke(*arguments: str, code: int | None = None, charset: str = "utf-8") -> Result:
     """Run the command in this process; it must end with the exit code, where one is given."""
-    done = CliRunner().invoke(cli, list(arguments), env={"COLUMNS": "80", "NO_COLOR": "1"})
+    done = CliRunner(charset).invoke(cli, list(arguments), env={"COLUMNS": "80", "NO_COLOR": "1"})
     assert code in (None, done.exit_code), (done.exit_code, done.stderr)
     return done
 
 
-def invoke_driven(*arguments: str, code: int | None = None) -> Result:
+def invoke_driven(*arguments: str, code: int | None = None, charset: str = "utf-8") -> Result:
     """Run the command in this process, on a driven clock; for sources with ``via=memory`` alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("asyncio.events.new_event_loop", DrivenLoop)
         # A driven clock does not wait for the thread that usually writes.
         patch.setattr(Worker, "call", call_at_once)
-        return invoke(*arguments, code=code)
+        return invoke(*arguments, code=code, charset=charset)
 
 
 def in_memory(model: str, *options: str) -> str:

@@ -128,41 +128,26 @@ def test_a_port_of_another_kind(machine: Machine) -> None:
     assert (found.state, found.text) == ("hint", "built in: lidars are not sold with it")
 
 
-def rules_of(text: str) -> dict[str, str]:
-    """Each rule by the subsystem that it is for."""
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    found = {line.split('"')[1]: line for line in lines}
-    assert len(found) == len(lines)
-    assert all(line.startswith('SUBSYSTEM=="') for line in lines)
-    return found
-
-
-def test_rules_by_serial_number_or_by_place(machine: Machine) -> None:
-    rules = rules_of(own_rules(machine))
-    # This adapter has no latency timer.
-    assert set(rules) == {"usb", "tty"}
-    assert 'KERNEL=="1-1.4"' in rules["usb"]
-    assert 'KERNELS=="1-1.4"' in rules["tty"]
-    assert 'SYMLINK+="front"' in rules["tty"]
-    assert "{serial}" not in rules["usb"] + rules["tty"]
-    (machine.root / "sys/devices/usb1/1-1.4/serial").write_text("B12D9E\n")
-    rules = rules_of(own_rules(machine))
-    assert 'ATTR{serial}=="B12D9E"' in rules["usb"]
-    assert 'ATTRS{serial}=="B12D9E"' in rules["tty"]
-    assert "KERNEL" not in rules["usb"] + rules["tty"]
-
-
-def test_rules_keep_the_adapter_awake_fast_and_alone(machine: Machine) -> None:
-    write(machine, "sys/class/tty/ttyUSB9/device/latency_timer", "16\n")
-    rules = rules_of(own_rules(machine))
-    assert all("10c4" in rule and "ea60" in rule for rule in rules.values())
-    assert 'ATTR{power/control}="on"' in rules["usb"]
-    assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in rules["usb"]
-    assert 'ENV{SYSTEMD_WANTS}=""' in rules["usb"]
-    assert rules["usb-serial"].endswith('KERNELS=="1-1.4", ATTR{latency_timer}="1"')
-    assert 'ENV{ID_MM_PORT_IGNORE}="1"' in rules["tty"]
-    assert 'GROUP="dialout"' in rules["tty"]
-    assert "SYMLINK" not in rules["usb"] + rules["usb-serial"]
+@pytest.mark.parametrize(
+    ("serial", "place", "timer"),
+    [("0001", 'KERNEL{}=="1-1.4"', False), ("B12D9E", 'ATTR{}{{serial}}=="B12D9E"', True)],
+)
+def test_rules_by_serial_number_or_by_place_keep_the_adapter_awake_fast_and_alone(
+    machine: Machine, serial: str, place: str, timer: bool
+) -> None:
+    write(machine, "sys/devices/usb1/1-1.4/serial", serial + "\n")
+    if timer:
+        write(machine, "sys/class/tty/ttyUSB9/device/latency_timer", "16\n")
+    it, above = (
+        f'ATTR{s}{{idVendor}}=="10c4", ATTR{s}{{idProduct}}=="ea60", {place.format(s)}, ' for s in ("", "S")
+    )
+    quiet = 'ATTR{power/control}="on", ENV{ID_MM_DEVICE_IGNORE}="1", ENV{SYSTEMD_WANTS}=""'
+    access = 'SYMLINK+="front", GROUP="dialout", MODE="0660", ENV{ID_MM_PORT_IGNORE}="1"'
+    assert own_rules(machine).splitlines()[1:] == [
+        f'SUBSYSTEM=="usb", {it}{quiet}',
+        *[f'SUBSYSTEM=="usb-serial", {above}ATTR{{latency_timer}}="1"'] * timer,
+        f'SUBSYSTEM=="tty", {above}{access}',
+    ]
 
 
 @pytest.mark.parametrize(

@@ -8,16 +8,17 @@ import pytest
 
 from lidario import save_config
 from lidario.filters import AngularBoundsFilter
-from tests.cli.processes import invoke
+from tests.cli.processes import invoke, invoke_driven
 from tests.support.messages import scans_of_file
 
+C1 = "sim://rplidar-c1?via=memory"
 OPTIONS = ("--beams", "90", "--frame", "front", "--order", "measured", "--preset", "vendor", "--mount-yaw", "90")
 
 
 @pytest.mark.long
 def test_record_and_export_make_the_messages_that_are_asked_for(tmp_path: Path) -> None:
     path, exported = str(tmp_path / "run.mcap"), str(tmp_path / "exported.mcap")
-    invoke("record", "sim://rplidar-c1", "-n", "3", "-o", path, "--scans", *OPTIONS, code=0)
+    invoke_driven("record", C1, "-n", "3", "-o", path, "--scans", *OPTIONS, code=0)
     invoke("export", path, exported, *OPTIONS, code=0)
     for file in (path, exported):
         messages = scans_of_file(Path(file))
@@ -36,7 +37,7 @@ def test_a_filtered_beam_is_what_was_asked_for(tmp_path: Path) -> None:
     path, exported, config = tmp_path / "run.mcap", tmp_path / "exported.mcap", tmp_path / "a.toml"
     save_config(config, "", filters=[AngularBoundsFilter([(0.5, 1.5)], invert=True)])
     told = ("--config", str(config), "--filtered", "inf")
-    invoke("record", "sim://rplidar-c1", "-n", "3", "-o", str(path), "--scans", *told, code=0)
+    invoke_driven("record", C1, "-n", "3", "-o", str(path), "--scans", *told, code=0)
     invoke("export", str(path), str(exported), *told[:3], "zero", code=0)
     for file, value in ((path, np.inf), (exported, 0.0)):
         for message in scans_of_file(file):

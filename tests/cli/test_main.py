@@ -13,7 +13,9 @@ from lidario.__main__ import main
 from lidario.cli.main import Lidario
 from lidario.cli.output import dump
 from lidario.cli.streams import emit
-from tests.cli.processes import invoke, run
+from tests.cli.processes import invoke, invoke_driven, run
+
+S2 = "sim://rplidar-s2?via=memory"
 
 
 def test_version_is_told_without_loading_what_verbs_need() -> None:
@@ -53,10 +55,18 @@ def test_ctrl_c_before_a_verb_has_begun(monkeypatch: pytest.MonkeyPatch) -> None
     assert main() == 130
 
 
-@pytest.mark.long
-def test_a_terminal_without_columns_is_none() -> None:
+def test_a_terminal_without_columns_is_none(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     """As some programs tell those that they start."""
-    told = [run("info", "sim://rplidar-s2?via=memory", environment=size).stdout for size in ({}, {"COLUMNS": "0"})]
+    monkeypatch.setattr(sys, "argv", ["lidario", "info", S2])
+    told = []
+    for size in ({}, {"COLUMNS": "0"}):
+        monkeypatch.delenv("COLUMNS", raising=False)
+        for name, value in size.items():
+            monkeypatch.setenv(name, value)
+        assert main() == 0
+        told.append(capfd.readouterr().out)
     assert "RPLIDAR S2" in told[0]
     assert told[0] == told[1]
 
@@ -115,12 +125,10 @@ def test_a_pipe_on_windows_takes_what_its_code_page_has(monkeypatch: pytest.Monk
     assert written.getvalue() == b"5 -> 7 m, 90\xb0"
 
 
-@pytest.mark.long
-def test_what_ascii_lacks_is_written_in_ascii() -> None:
-    told = run("scan", "sim://rplidar-s2?via=memory", "-n", "1", environment={"PYTHONIOENCODING": "ascii"})
-    assert re.search(r" \d\.\d\d m [+-]\d+deg ", told.stdout)
-    modes = run("info", "sim://rplidar-s2?via=memory", environment={"PYTHONIOENCODING": "ascii"})
-    assert "us/sample" in modes.stdout
+@pytest.mark.parametrize(("words", "said"), [("scan -n 1", r" \d\.\d\d m [+-]\d+deg "), ("info", "us/sample")])
+def test_what_ascii_lacks_is_written_in_ascii(words: str, said: str) -> None:
+    verb, *options = words.split()
+    assert re.search(said, invoke_driven(verb, S2, *options, code=0, charset="ascii").stdout)
 
 
 def test_json_needs_no_encoding(monkeypatch: pytest.MonkeyPatch) -> None:

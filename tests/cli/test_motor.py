@@ -1,36 +1,48 @@
 """``lidario motor``: what the device does afterwards."""
 
 import json
+from typing import Any
 
 import pytest
+from click.testing import Result
 
+from lidario import simulate
 from lidario.families.registry import FAMILIES
 from tests.cli.processes import end, invoke, invoke_driven, served, started
 from tests.support.children import is_still, requests, until
+from tests.support.devices import is_off, leave_streaming
+from tests.support.loop import START
 
 FIRST, SECOND = (family.simulated[0] for family in FAMILIES[:2])
 
 
-@pytest.mark.long
-def test_start_leaves_the_motor_on_and_the_laser_off_and_stop_ends_it() -> None:
-    with served(FIRST) as server:
-        ended = invoke("motor", "start", server.path, "--json", code=0)
-        assert json.loads(ended.stdout)["motor"] == "turning"
-        until(lambda: not server.device.scanning)
-        assert server.device.motor_on
-        assert invoke("motor", "stop", server.path).exit_code == 0
-        until(lambda: not server.device.motor_on)
+@pytest.fixture
+def device(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A simulated device in memory, which the command finds at any source of that kind."""
+    made = simulate(getattr(request, "param", FIRST), spin_up=0)
+    monkeypatch.setattr("lidario.port.simulated.make_device", lambda _: (made, None))
+    return made
 
 
-@pytest.mark.long
-def test_speed_is_measured_where_the_motor_turns_alone() -> None:
-    with served(FIRST) as server:
-        ended = invoke("motor", "speed", "12", server.path, "--json", code=0)
-        told = json.loads(ended.stdout)
-        assert told["motor"] == "turning"
-        assert told["hertz"] == pytest.approx(12, rel=0.05)
-        until(lambda: not server.device.scanning)
-        assert server.device.motor_on
+def motor(*words: str, model: str = FIRST, code: int = 0) -> Result:
+    return invoke_driven("motor", *words, f"sim://{model}?via=memory", "--json", code=code)
+
+
+def test_start_leaves_the_motor_on_and_the_laser_off(device: Any) -> None:
+    assert json.loads(motor("start").stdout)["motor"] == "turning"
+    assert (device.scanning, device.motor_on) == (False, True)
+
+
+def test_stop_ends_what_an_earlier_program_has_left_running(device: Any) -> None:
+    leave_streaming(device, round(START * 1e9))
+    assert json.loads(motor("stop").stdout)["motor"] == "stopped"
+    assert is_off(device)
+
+
+def test_speed_is_measured_where_the_motor_turns_alone(device: Any) -> None:
+    told = json.loads(motor("speed", "12").stdout)
+    assert told == {"motor": "turning", "hertz": pytest.approx(12, rel=0.01)}
+    assert (device.scanning, device.motor_on) == (False, True)
 
 
 @pytest.mark.long
@@ -48,14 +60,11 @@ def test_what_is_refused_or_interrupted_leaves_the_motor_off() -> None:
         until(lambda: is_still(server))
 
 
-@pytest.mark.long
-def test_where_the_motor_stops_with_the_laser() -> None:
-    with served(SECOND) as server:
-        ended = invoke("motor", "start", server.path, code=2)
-        assert "lidario scan -n 0" in ended.stderr
-        ended = invoke("motor", "speed", "9", server.path, "--json", code=0)
-        assert json.loads(ended.stdout) == {"motor": "set", "hertz": 9.0}
-        assert not server.device.motor_on
+@pytest.mark.parametrize("device", [SECOND], indirect=True)
+def test_where_the_motor_stops_with_the_laser(device: Any) -> None:
+    assert "lidario scan -n 0" in motor("start", model=SECOND, code=2).stderr
+    assert json.loads(motor("speed", "9", model=SECOND).stdout) == {"motor": "set", "hertz": 9.0}
+    assert not device.motor_on
 
 
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x3"])

@@ -14,6 +14,7 @@ from lidario.sim.serve import PtyServer
 from tests.cli.processes import end, invoke, invoke_driven, run, served, started
 from tests.support.children import BOUND, requests, until, was_stopped
 from tests.support.drivers import SPEED_FLAG, FakeDriver
+from tests.support.recorded import thread_takes_no_time
 
 PACKET_NS = 20_000_000
 ONE_TRY = "?baud=115200&family=hlds"
@@ -211,8 +212,8 @@ def test_the_port_is_told(path: Path, tmp_path: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.long
 def test_a_device_that_is_lost_meanwhile(path: Path) -> None:
-    # On a true clock: a driven one runs on while the file is made.
-    invoke("report", "sim://rplidar-s2?via=memory&fault=unplug:3s", "-o", str(path), code=0)
+    with thread_takes_no_time():
+        invoke_driven("report", "sim://rplidar-s2?via=memory&fault=unplug:3s", "-o", str(path), code=0)
     report = read_report(path)
     assert "the line to the device is lost" in {each.text for each in report.tried}
     assert report.tried[0].outcome is Outcome.HELD

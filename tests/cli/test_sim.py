@@ -104,12 +104,6 @@ def test_an_ipv6_address_is_printed_as_a_client_opens_it(way: str, address: str)
     assert server.address[0] == "::1"
 
 
-@pytest.mark.parametrize("way", ["--tcp", "--udp"])
-def test_a_host_that_cannot_be_is_told(way: str) -> None:
-    ended = invoke("sim", way, "ü..x:0", code=2)
-    assert "'ü..x:0' is not [HOST]:PORT" in ended.stderr
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("model", "way", "number"), [("ydlidar-4ros", "tcp", signal.SIGTERM), ("rplidar-s2e", "udp", signal.SIGINT)]

@@ -68,14 +68,6 @@ def test_a_port_that_is_not_there(sources: list[str]) -> None:
     assert ended.stderr.startswith("error: ")
 
 
-@pytest.mark.parametrize("folder", ["/dev/full", "/proc", "/no/such/folder", ""])
-def test_where_nothing_can_be_recorded_is_told_before_a_lidar_is_opened(folder: str) -> None:
-    """It was told when the page was to record. /proc says that it may be written."""
-    ended = invoke("view", "/dev/nosuchport", "--port", "0", "--record", folder)
-    assert (ended.exit_code, ended.stdout) == (2, "")
-    assert f"invalid value for '--record': no file can be made in '{folder}'" in ended.stderr
-
-
 def test_without_websockets_it_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets", None)
     ended = invoke("view", MEMORY, code=2)

@@ -234,9 +234,7 @@ async def test_a_farewell_is_its_end(caplog: pytest.LogCaptureFixture, monkeypat
 async def test_its_end_without_a_farewell_is_told(caplog: pytest.LogCaptureFixture) -> None:
     guard = await start_guard("x")
     os.kill(own_guards()[0], signal.SIGKILL)
-    async with asyncio.timeout(PATIENCE_S):
-        while not caplog.records:
-            await asyncio.sleep(0.001)
+    await run_in_thread(lambda: until(lambda: caplog.records))
     assert [record.message[:24] for record in caplog.records] == ["x: its guard has ended ("]
     called: list[int] = []
     guard.dismiss(lambda: called.append(1))

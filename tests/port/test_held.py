@@ -10,7 +10,7 @@ import pytest
 
 from lidario.port.port import Port
 from lidario.port.thread import Watched, reading_thread
-from tests.support.loop import driven, now
+from tests.support.loop import driven, now, until
 from tests.support.ports import PATIENCE_S, Plan, Seen, Sink, opened, terminal_pair
 from tests.test_exhausted import no_threads
 
@@ -28,9 +28,7 @@ async def held_port(path: str, plan: Plan) -> AsyncIterator[tuple[Port, Sink, Se
 async def until_read(size: int) -> None:
     """Return when so many bytes were read, by the loop or the thread."""
     (watched,) = (each for each in reading_thread().ports if isinstance(each, Watched))
-    async with asyncio.timeout(PATIENCE_S):
-        while watched.inbox.size < size:
-            await asyncio.sleep(0.001)
+    await until(lambda: watched.inbox.size >= size)
 
 
 async def test_what_is_held_comes_in_one_piece_with_the_time_of_each_read(terminal: tuple[int, str]) -> None:

@@ -12,6 +12,7 @@ import serial
 
 from lidario.errors import ConnectFailed
 from lidario.port.serial import open_serial
+from tests.support.loop import until
 from tests.support.ports import PATIENCE_S, another_program, open_files
 
 
@@ -100,15 +101,9 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowOpening]:
     opening.go_on.set()
 
 
-async def until(event: threading.Event) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not event.is_set():
-            await asyncio.sleep(0.001)
-
-
 async def test_the_loop_goes_on_while_a_port_is_opened(terminal: tuple[int, str], slow: SlowOpening) -> None:
     task = asyncio.create_task(open_serial(terminal[1], 115200))
-    await until(slow.begun)
+    await until(slow.begun.is_set)
     assert slow.thread is not threading.current_thread()
     slow.go_on.set()
     port = await task
@@ -131,12 +126,10 @@ async def test_the_list_of_processes_is_read_off_the_loop(monkeypatch: pytest.Mo
 async def test_cancelled_while_it_opens_leaves_nothing_open(terminal: tuple[int, str], slow: SlowOpening) -> None:
     before = open_files()
     task = asyncio.create_task(open_serial(terminal[1], 115200))
-    await until(slow.begun)
+    await until(slow.begun.is_set)
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
     slow.go_on.set()
-    async with asyncio.timeout(PATIENCE_S):
-        while not slow.opened or slow.opened[0].is_open or (slow.thread and slow.thread.is_alive()):
-            await asyncio.sleep(0.001)
+    await until(lambda: slow.opened and not slow.opened[0].is_open and not (slow.thread and slow.thread.is_alive()))
     assert open_files() == before

@@ -19,7 +19,7 @@ from lidario.sim.serve import usual_way
 from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
 from tests.support.leaks import leaves_nothing
-from tests.support.loop import driven, run_driven
+from tests.support.loop import driven, run_driven, until
 from tests.support.ports import PATIENCE_S, Sink, open_files
 
 
@@ -139,18 +139,14 @@ async def test_a_mistake_in_a_served_device_is_the_cause_of_the_loss(
     check(await sink.until_lost())
     await port.close()
     # Its thread was told to end, and may need a moment.
-    async with asyncio.timeout(PATIENCE_S):
-        while (threading.active_count(), open_files()) != before:
-            await asyncio.sleep(0.001)
+    await until(lambda: (threading.active_count(), open_files()) == before)
     # It is told once, and nothing is left for the loop's exception handler.
     assert caplog.records == []
 
 
 async def test_a_device_that_fails_before_its_line_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
     async def open_late(path: str, baudrate: int) -> Port:
-        async with asyncio.timeout(PATIENCE_S):
-            while os.path.exists(path):  # noqa: ASYNC240
-                await asyncio.sleep(0.001)
+        await until(lambda: not os.path.exists(path))
         return await open_serial(path, baudrate)
 
     monkeypatch.setattr("lidario.port.simulated.make_device", lambda source: (Broken("transmit"), None))

@@ -16,7 +16,7 @@ from lidario import ConnectFailed, open_lidar
 from lidario.port.port import Port
 from lidario.port.sockets import open_tcp
 from tests.port.test_thread import block_until_read, read_one_by_one, threads
-from tests.support.loop import driven, now
+from tests.support.loop import driven, now, until
 from tests.support.ports import PATIENCE_S, Sink, arrived, on_both_loops
 
 
@@ -239,8 +239,7 @@ def test_a_name_server_that_does_not_respond_does_not_hold_the_end(monkeypatch: 
 
     async def main() -> None:
         connecting = asyncio.create_task(open_tcp("tcp://x.example:1", "x.example", 1))
-        while not asked.is_set():
-            await asyncio.sleep(0.001)
+        await until(asked.is_set)
         connecting.cancel()
         await asyncio.wait([connecting])
 

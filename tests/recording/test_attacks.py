@@ -26,7 +26,7 @@ from lidario.session.lidar import Lidar
 from tests.fuzz.forged import ATTACKS, forge
 from tests.reference.golden import load
 from tests.support.children import ended
-from tests.support.loop import run_driven
+from tests.support.loop import driven, run_driven
 from tests.support.recorded import Live, record, take_scans
 
 MOST_BYTES = 64 << 20
@@ -325,17 +325,13 @@ def test_what_is_no_file_is_refused_by_every_verb(tmp_path: Path, live: Live) ->
     assert done.stdout.endswith("all refused\n"), done.stderr
 
 
-def test_what_is_no_file_is_refused_by_every_function(tmp_path: Path) -> None:
+@driven
+async def test_what_is_no_file_is_refused_by_every_function(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mcap")
-
-    async def opened() -> None:
-        async with lidario.open_lidar(tmp_path / "a.mcap"):
-            pass
-
     for call in (lidario.decode_file, lidario.decode_file_arrays, lidario.summarize):
         with pytest.raises(lidario.RecordingError, match="it is a pipe"):
             call(tmp_path / "a.mcap")
         with pytest.raises(lidario.RecordingError, match="it is a device"):
             call("/dev/zero")
     with pytest.raises(lidario.RecordingError, match="it is a pipe"):
-        run_driven(opened)
+        await lidario.open_lidar(tmp_path / "a.mcap")

@@ -13,7 +13,7 @@ import lidario
 from lidario.recording import files
 from lidario.recording.read import StoredStreams
 from lidario.source import Source
-from tests.support.loop import run_driven
+from tests.support.loop import driven, run_driven
 from tests.support.recorded import record
 
 
@@ -53,18 +53,16 @@ def test_the_file_is_closed_with_the_session(tmp_path: Path) -> None:
         gc.enable()
 
 
-def test_a_recording_that_has_ended_is_let_go(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with lidario.open_lidar("sim://ydlidar-4ros?via=memory") as lidar, lidar.scans() as stream:
-            async with lidar.record(tmp_path / "a.mcap") as recording:
-                await anext(stream)
-            ended = weakref.ref(recording)
-            del recording
-            gc.collect()
-            assert ended() is None
+@driven
+async def test_a_recording_that_has_ended_is_let_go(tmp_path: Path) -> None:
+    async with lidario.open_lidar("sim://ydlidar-4ros?via=memory") as lidar, lidar.scans() as stream:
+        async with lidar.record(tmp_path / "a.mcap") as recording:
             await anext(stream)
-
-    run_driven(main)
+        ended = weakref.ref(recording)
+        del recording
+        gc.collect()
+        assert ended() is None
+        await anext(stream)
 
 
 def open_files() -> set[Path]:

@@ -6,7 +6,7 @@ import pytest
 
 import lidario
 from lidario.recording.port import LOOP_GAP_NS
-from tests.support.loop import run_driven
+from tests.support.loop import driven, run_driven
 from tests.support.recorded import Live, record, replayed, same_scan, take_scans
 
 pytestmark = pytest.mark.long
@@ -79,18 +79,15 @@ def test_behind_the_end_and_without_times_it_is_refused(live: Live, tmp_path: Pa
 
 
 @pytest.mark.parametrize(("options", "begin_s"), [("rate=0", 0.0), ("rate=0&from=1", 1.0), ("rate=0&loop=1", 0.0)])
-def test_it_is_told_how_much_was_played(live: Live, options: str, begin_s: float) -> None:
-    async def main() -> list[tuple[float, float, int]]:
-        async with lidario.open_lidar(f"{live.path}?{options}") as lidar, lidar.scans() as scans:
-            seen = []
-            for _ in range(25 if "loop" in options else 8):
-                scan = await anext(scans)
-                assert lidar.reached_s is not None
-                assert lidar.length_s is not None
-                seen.append((lidar.reached_s, lidar.length_s, scan.stamp_ns + scan.duration_ns))
-            return seen
-
-    seen = run_driven(main)
+@driven
+async def test_it_is_told_how_much_was_played(live: Live, options: str, begin_s: float) -> None:
+    seen: list[tuple[float, float, int]] = []
+    async with lidario.open_lidar(f"{live.path}?{options}") as lidar, lidar.scans() as scans:
+        for _ in range(25 if "loop" in options else 8):
+            scan = await anext(scans)
+            assert lidar.reached_s is not None
+            assert lidar.length_s is not None
+            seen.append((lidar.reached_s, lidar.length_s, scan.stamp_ns + scan.duration_ns))
     # As it began: within the revolution that is cut, and the next. From there on with the scans.
     assert begin_s < seen[0][0] < begin_s + 0.35
     first, _, stamp_ns = seen[0]
@@ -99,12 +96,10 @@ def test_it_is_told_how_much_was_played(live: Live, options: str, begin_s: float
         assert reached == pytest.approx((first + since) % (length + LOOP_GAP_NS * 1e-9), abs=0.05)
 
 
-def test_a_lidar_has_no_length() -> None:
-    async def main() -> tuple[float | None, float | None]:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            return lidar.length_s, lidar.reached_s
-
-    assert run_driven(main) == (None, None)
+@driven
+async def test_a_lidar_has_no_length() -> None:
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        assert (lidar.length_s, lidar.reached_s) == (None, None)
 
 
 def test_from_the_beginning_nothing_changes(live: Live) -> None:

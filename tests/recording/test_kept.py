@@ -14,42 +14,36 @@ import lidario
 from lidario.errors import CannotRecord
 from lidario.recording.export import must_be_writable
 from tests.support.children import BOUND, FORKS, child
-from tests.support.loop import run_driven
+from tests.support.loop import driven
 from tests.support.recorded import record
 
 
-def test_the_files_of_another_recorder_do_not_go(tmp_path: Path) -> None:
+@driven
+async def test_the_files_of_another_recorder_do_not_go(tmp_path: Path) -> None:
     """Each would have removed what the other one had just recorded."""
-
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            path = tmp_path / "run.mcap"
-            async with lidar.record(path, split_s=60.0) as other:
-                with pytest.raises(CannotRecord, match=f"{other.path} is written by another recorder"):
-                    await lidar.record(path, split_s=60.0, keep_bytes=10**6).start()
-            async with lidar.record(path, split_s=60.0, keep_bytes=10**6):
-                pass
-
-    run_driven(main)
-    assert len(list(tmp_path.iterdir())) == 2
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        path = tmp_path / "run.mcap"
+        async with lidar.record(path, split_s=60.0) as other:
+            with pytest.raises(CannotRecord, match=f"{other.path} is written by another recorder"):
+                await lidar.record(path, split_s=60.0, keep_bytes=10**6).start()
+        async with lidar.record(path, split_s=60.0, keep_bytes=10**6):
+            pass
+    assert len(os.listdir(tmp_path)) == 2
 
 
-def test_a_file_that_is_written_is_not_replaced(tmp_path: Path) -> None:
+@driven
+async def test_a_file_that_is_written_is_not_replaced(tmp_path: Path) -> None:
     """What had been recorded by then was gone, and the other recording ended."""
-
-    async def main() -> None:
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
-            async with lidar.record(tmp_path / "run.mcap") as other:
-                with pytest.raises(CannotRecord, match=r"run\.mcap is written by another recorder"):
-                    await lidar.record(tmp_path / "run.mcap", overwrite=True).start()
-                with pytest.raises(CannotRecord, match="by another recorder"):
-                    must_be_writable(tmp_path / "run.mcap", overwrite=True)
-                await lidar.scan()
-            assert other.error is None
-            async with lidar.record(tmp_path / "run.mcap", overwrite=True):
-                await lidar.scan()
-
-    run_driven(main)
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar:
+        async with lidar.record(tmp_path / "run.mcap") as other:
+            with pytest.raises(CannotRecord, match=r"run\.mcap is written by another recorder"):
+                await lidar.record(tmp_path / "run.mcap", overwrite=True).start()
+            with pytest.raises(CannotRecord, match="by another recorder"):
+                must_be_writable(tmp_path / "run.mcap", overwrite=True)
+            await lidar.scan()
+        assert other.error is None
+        async with lidar.record(tmp_path / "run.mcap", overwrite=True):
+            await lidar.scan()
 
 
 LEFT = (

@@ -20,7 +20,8 @@ from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 from tests.reference.golden import NAMES, load
 from tests.support.cases import ALL
-from tests.support.loop import driven, run_driven
+from tests.support.devices import some
+from tests.support.loop import driven, now, run_driven
 from tests.support.recorded import (
     Live,
     assert_same_scans,
@@ -145,17 +146,17 @@ def test_the_zero_offset_that_a_user_of_the_replay_chooses_stays(tmp_path: Path)
 @pytest.mark.long
 @pytest.mark.usefixtures("calibrated")
 def test_a_recording_that_begins_behind_another_zero_offset(tmp_path: Path) -> None:
-    async def main() -> tuple[list[Scan], list[Scan]]:
+    async def main() -> tuple[Scan, list[Scan]]:
         async with lidario.open_lidar("sim://ydlidar-4ros?via=memory") as lidar, lidar.scans(depth=64) as stream:
             await lidar.set_zero_offset(True)
             before = await anext(stream)
             await lidar.set_zero_offset(False)
             async with lidar.record(tmp_path / "a.mcap"):
-                return [before], [await anext(stream) for _ in range(4)]
+                return before, await some(stream, 4)
 
     with thread_takes_no_time():
         before, live = run_driven(main)
-    assert before[0].seam != live[-1].seam
+    assert before.seam != live[-1].seam
     stored = list(lidario.decode_file(tmp_path / "a.mcap"))
     assert {scan.seam for scan in stored} == {live[-1].seam}
     assert all(
@@ -163,17 +164,14 @@ def test_a_recording_that_begins_behind_another_zero_offset(tmp_path: Path) -> N
     )
 
 
-def test_a_recording_that_begins_in_mid_stream(tmp_path: Path) -> None:
-    async def main() -> tuple[list[Scan], list[Scan]]:
-        recorded: list[Scan] = []
-        async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar, lidar.scans(depth=64) as stream:
-            await anext(stream)
-            async with lidar.record(tmp_path / "a.mcap"):
-                recorded += [await anext(stream) for _ in range(6)]
-        async with lidario.open_lidar(f"{tmp_path / 'a.mcap'}?rate=0") as lidar, lidar.scans() as stream:
-            return recorded, [scan async for scan in stream]
-
-    live, scans = run_driven(main)
+@driven
+async def test_a_recording_that_begins_in_mid_stream(tmp_path: Path) -> None:
+    async with lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar, lidar.scans(depth=64) as stream:
+        await anext(stream)
+        async with lidar.record(tmp_path / "a.mcap"):
+            live = await some(stream, 6)
+    async with lidario.open_lidar(f"{tmp_path / 'a.mcap'}?rate=0") as lidar, lidar.scans() as stream:
+        scans = [scan async for scan in stream]
     # The revolutions before the first whole one of the file are missing.
     first = [scan.stamp_ns for scan in live].index(scans[0].stamp_ns)
     assert first <= 2
@@ -207,29 +205,28 @@ def test_the_device_responds_what_it_had_responded(tmp_path: Path, source: str) 
     run_driven(main)
 
 
-def test_what_was_recorded_until_a_lidar_failed_is_played(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+@driven
+async def test_what_was_recorded_until_a_lidar_failed_is_played(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """The last that it said of itself is an error. No device is there that a reset would cure."""
-
-    async def main() -> None:
-        device = lidario.simulate("rplidar-s2", spin_up=0)
-        async with lidario.open_lidar(device) as lidar, lidar.record(tmp_path / "a.mcap"):
-            with pytest.raises(lidario.DeviceFault):
-                async for scan in lidar.scans():
-                    assert len(scan)
-                    device.protection_stop(0x8001)  # type: ignore[attr-defined]
-            failed = lidar.health
-        caplog.clear()
-        async with lidario.open_lidar(tmp_path / "a.mcap") as lidar:
-            assert lidar.health == failed
-            assert not failed.ok
-            assert len(await lidar.scan())
-        played = PlayedDevice(files.open_stored(tmp_path / "a.mcap"))
-        async with lidario.open_lidar(played) as lidar:  # it is as it was when the recording began
-            assert lidar.health.ok
-            assert len(await lidar.scan())
-        assert "is reset" not in caplog.text
-
-    run_driven(main)
+    device = lidario.simulate("rplidar-s2", spin_up=0)
+    async with lidario.open_lidar(device) as lidar, lidar.record(tmp_path / "a.mcap"):
+        with pytest.raises(lidario.DeviceFault):
+            async for scan in lidar.scans():
+                assert len(scan)
+                device.protection_stop(0x8001)  # type: ignore[attr-defined]
+        failed = lidar.health
+    caplog.clear()
+    async with lidario.open_lidar(tmp_path / "a.mcap") as lidar:
+        assert lidar.health == failed
+        assert not failed.ok
+        assert len(await lidar.scan())
+    played = PlayedDevice(files.open_stored(tmp_path / "a.mcap"))
+    async with lidario.open_lidar(played) as lidar:  # it is as it was when the recording began
+        assert lidar.health.ok
+        assert len(await lidar.scan())
+    assert "is reset" not in caplog.text
 
 
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "neato-xv11"])
@@ -244,32 +241,29 @@ def test_a_speed_that_cannot_be_set_has_no_range_in_a_replay_either(tmp_path: Pa
 
 
 @pytest.mark.long
-def test_pace(live: Live) -> None:
+@driven
+async def test_pace(live: Live) -> None:
     async def took(options: str, slow: float = 0.0) -> tuple[float, list[Scan]]:
-        loop = asyncio.get_running_loop()
         found: list[Scan] = []
         async with lidario.open_lidar(f"{live.path}?{options}") as lidar, lidar.scans() as stream:
-            began = loop.time()
+            began = now()
             async for scan in stream:
                 found.append(scan)
                 await asyncio.sleep(slow)
-        return loop.time() - began, found
+        return now() - began, found
 
-    async def main() -> None:
-        seconds, scans = await took("rate=1")
-        assert seconds == pytest.approx(1.1, abs=0.15)
-        assert_same_scans(live.scans, scans)
-        seconds, scans = await took("rate=10")
-        assert seconds == pytest.approx(0.11, abs=0.08)
-        # A reader that needs two seconds for each scan gets each one, where it decides the pace.
-        seconds, scans = await took("rate=0", slow=2.0)
-        assert seconds >= 20
-        assert_same_scans(live.scans, scans)
-        # At true pace the latest one wins, as live.
-        _, scans = await took("rate=1", slow=0.25)
-        assert sum(scan.dropped_before for scan in scans) > 3
-
-    run_driven(main)
+    seconds, scans = await took("rate=1")
+    assert seconds == pytest.approx(1.1, abs=0.15)
+    assert_same_scans(live.scans, scans)
+    seconds, scans = await took("rate=10")
+    assert seconds == pytest.approx(0.11, abs=0.08)
+    # A reader that needs two seconds for each scan gets each one, where it decides the pace.
+    seconds, scans = await took("rate=0", slow=2.0)
+    assert seconds >= 20
+    assert_same_scans(live.scans, scans)
+    # At true pace the latest one wins, as live.
+    _, scans = await took("rate=1", slow=0.25)
+    assert sum(scan.dropped_before for scan in scans) > 3
 
 
 @driven

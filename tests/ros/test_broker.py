@@ -12,7 +12,7 @@ import zenoh
 from lidario.cli.router import is_private
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.router import LOOPBACK, Router
-from tests.cli.processes import invoke, started
+from tests.cli.processes import started
 from tests.support.children import BOUND, child, line_of
 from tests.support.router import Router as Running
 from tests.support.router import client
@@ -167,8 +167,3 @@ def test_the_command_says_who_may_reach_it() -> None:
 )
 def test_what_only_this_machine_reaches(address: str, private: bool) -> None:
     assert is_private(address) is private
-
-
-def test_an_error_ends_the_command() -> None:
-    ended = invoke("router", "--listen", "nonsense", code=2)
-    assert "is not the address of a router" in ended.stderr

@@ -10,7 +10,8 @@ from lidario.errors import Unsupported
 from lidario.network.bus import Sample
 from lidario.network.port import RemotePort
 from lidario.recording.chronicle import StreamBegan
-from tests.support.network import BOUND_S, Rig, until
+from tests.support.loop import until
+from tests.support.network import BOUND_S, Rig
 from tests.support.router import Router
 
 pytestmark = pytest.mark.long

@@ -13,7 +13,8 @@ from lidario.network.keys import Attachment
 from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, FleetScan, Share
 from lidario.scan import Scan
-from tests.support.network import BOUND_S, Rig, publish_in_vain, until
+from tests.support.loop import until
+from tests.support.network import BOUND_S, Rig, publish_in_vain
 from tests.support.router import Router, client
 from tests.test_model import FOUR
 

@@ -14,9 +14,9 @@ from lidario.errors import InvalidValue
 from lidario.network.keys import parse_attachment
 from lidario.ros import MergedPublisher, Publisher, Share
 from lidario.ros.names import CLOCK, LASERSCAN, LATEST_KEPT, TF_MESSAGE, Node
-from tests.support.loop import driven
+from tests.support.loop import driven, until
 from tests.support.messages import decoded
-from tests.support.network import BOUND_S, Rig, publisher_of, until, zid_in
+from tests.support.network import BOUND_S, Rig, publisher_of, zid_in
 from tests.support.router import Router, client
 
 SIM = "sim://rplidar-s2?via=memory"

@@ -4,7 +4,6 @@ import asyncio
 import math
 import signal
 from collections.abc import Awaitable, Callable
-from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +23,9 @@ from lidario.web.feed import Feed
 from lidario.web.masks import Masks
 from tests.cli.processes import started
 from tests.support.children import BOUND
+from tests.support.loop import until
 from tests.support.messages import decoded
-from tests.support.network import Rig, until
+from tests.support.network import Rig
 from tests.support.pages import blocks
 from tests.support.router import Router
 
@@ -104,10 +104,8 @@ async def test_the_program_of_the_docs(router: Router, settings: Path, capsys: p
         said.append(capsys.readouterr().out)
         return "drive: " in "".join(said)
 
-    async with AsyncExitStack() as stack:
-        bus = await Bus.open(router.address)
-        stack.push_async_callback(bus.close)
-        heard = Heard(bus, 0)
+    async with Rig(router) as rig:
+        heard = Heard(await rig.bus(), 0)
         running = asyncio.ensure_future(whole_program(router, settings, ONE, TWO)())
         await until(lambda: drives() and len(heard.scans) >= 4 and len(heard.clouds) >= 4 and bool(heard.health))
         running.cancel()
@@ -172,10 +170,8 @@ async def test_the_command_publishes_with_settings(
     router: Router, settings: Path, sources: tuple[str, ...]
 ) -> None:
     domain = str(30 + len(sources))
-    async with AsyncExitStack() as stack:
-        bus = await Bus.open(router.address)
-        stack.push_async_callback(bus.close)
-        heard = Heard(bus, int(domain))
+    async with Rig(router) as rig:
+        heard = Heard(await rig.bus(), int(domain))
         arguments = ["--ros", "--domain", domain, "--router", router.address, "--config", str(settings)]
         arguments += ["--base-frame", "base"] if len(sources) > 1 else []
         with started("publish", *sources, *arguments) as process:

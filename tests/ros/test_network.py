@@ -18,8 +18,9 @@ from lidario.network.handover import Handover
 from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
+from tests.support.loop import until
 from tests.support.messages import decoded
-from tests.support.network import BOUND_S, Rig, until, zid_in
+from tests.support.network import BOUND_S, Rig, zid_in
 from tests.support.router import Router
 
 pytestmark = pytest.mark.long

@@ -5,7 +5,6 @@
 
 import asyncio
 import math
-from contextlib import AsyncExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -15,15 +14,14 @@ from zenoh import ext
 
 import lidario
 from lidario.beams import BeamOrder, Preset
-from lidario.network.bus import Bus
 from lidario.ros import Publisher
 from lidario.ros.names import LASERSCAN, TF_MESSAGE, Node
 from lidario.scan import Scan
 from lidario.testing import SimulatedLidar, make_scan
 from tests.reference.nodes import SlamToolbox, laser_geometry, moved
-from tests.support.loop import run_driven
+from tests.support.loop import run_driven, until
 from tests.support.messages import decoded
-from tests.support.network import until
+from tests.support.network import Rig
 from tests.support.router import Router, client
 from tests.support.samples import MODELS, ONE_A_FAMILY
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
@@ -54,11 +52,10 @@ def scans_of(model: str, *, spin_up: float = 0.0, fault: str = "") -> list[Scan]
 async def published(router: Router, domain: int, scans: list[Scan], **options: Any) -> tuple[list[Any], list[Any]]:
     """The scans as they come from the network, and what comes of /tf_static."""
     node, came, frames = Node(domain=domain), list[Any](), list[Any]()
-    async with AsyncExitStack() as stack:
-        reader = await Bus.open(router.address)
-        stack.push_async_callback(reader.close)
+    async with Rig(router) as rig:
+        reader = await rig.bus()
         reader.subscribe(node.data_key("/scan", LASERSCAN), came.append)
-        lidar = await stack.enter_async_context(lidario.open_lidar(SimulatedLidar()))
+        lidar = await rig.enter_async_context(lidario.open_lidar(SimulatedLidar()))
         publisher = Publisher(lidar, domain=domain, router=router.address, **options)
         async with publisher:
             await until(lambda: publisher.is_connected and publisher.is_read)
@@ -70,7 +67,7 @@ async def published(router: Router, domain: int, scans: list[Scan], **options: A
             if "mount" in options:
                 history = ext.HistoryConfig(detect_late_publishers=True)
                 key = node.data_key("/tf_static", TF_MESSAGE)
-                late = stack.enter_context(client(router.address))
+                late = rig.enter_context(client(router.address))
                 held = ext.declare_advanced_subscriber(late, key, frames.append, history=history)
                 await until(lambda: frames)
                 held.undeclare()  # type: ignore[no-untyped-call]

@@ -18,7 +18,7 @@ from lidario.network.bus import Bus
 from lidario.network.keys import parse_token, tokens_of
 from lidario.ros import list_remote_lidars
 from tests.cli.processes import started
-from tests.support.children import FORKS, line_of
+from tests.support.children import FORKS, ended, line_of
 from tests.support.router import Router
 
 BOUND_S = 30.0
@@ -93,11 +93,7 @@ sys.exit(3)
 @pytest.mark.long
 def test_a_program_ends_that_has_not_closed_its_bus(router: Router) -> None:
     """A thread of zenoh's for each subscription kept it from ending."""
-    with subprocess.Popen([sys.executable, "-c", LEFT, router.address]) as program:
-        try:
-            assert program.wait(BOUND_S) == 3
-        finally:
-            program.kill()
+    assert ended(LEFT, router.address).returncode == 3
 
 
 FORKED = (

@@ -15,7 +15,8 @@ from lidario.model import Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.network.status import Status
 from lidario.ros import Publisher, Share
-from tests.support.network import BOUND_S, Rig, publish_in_vain, publisher_of, until
+from tests.support.loop import until
+from tests.support.network import BOUND_S, Rig, publish_in_vain, publisher_of
 from tests.support.recorded import assert_same_scans
 from tests.support.router import Router
 from tests.test_model import FOUR
@@ -232,7 +233,7 @@ async def test_a_publisher_that_sends_nothing_is_told(
 ) -> None:
     """Its process is there, so nothing is lost; it may hang, or its lidar may stand still."""
     # Within this time it must be seen that the publisher is there.
-    monkeypatch.setattr("lidario.network.port.SILENCE_S", 1.0)
+    monkeypatch.setattr("lidario.network.port.SILENCE_S", 2.0)
     async with Rig(router) as rig:
         share = await rig.share("mute/scan")
         _, scans = await rig.read("mute/scan")

@@ -16,6 +16,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 START = 1000.0
 THREAD = "lidario: blocking call"
+BOUND_S = 30.0
 MOST_TURNS = 1_000_000
 """Twenty times as many as the longest test needs (`tests/recording/test_offline.py`: 44133)."""
 
@@ -116,6 +117,13 @@ def now() -> float:
 def now_ns() -> int:
     """The same in nanoseconds, as simulated devices count them."""
     return round(now() * 1e9)
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Wait until `condition` holds, on a loop with a real clock; the bound only turns a hang into a failure."""
+    async with asyncio.timeout(BOUND_S):
+        while not condition():
+            await asyncio.sleep(0.002)
 
 
 def unless_unfinished(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

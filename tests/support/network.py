@@ -1,7 +1,7 @@
 """A simulated lidar that is published through a router, and its readers."""
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Coroutine, Iterable
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -17,12 +17,6 @@ from tests.support.router import Router
 
 BOUND_S = 30.0
 MODELS = {"rplidar": "rplidar-s2", "ydlidar": "ydlidar-4ros"}
-
-
-async def until(condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(BOUND_S):
-        while not condition():
-            await asyncio.sleep(0.002)
 
 
 def zid_in(tokens: Iterable[str]) -> str:

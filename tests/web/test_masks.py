@@ -14,7 +14,7 @@ from lidario.model import DeviceInfo
 from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks
-from tests.cli.processes import invoke
+from tests.cli.processes import invoke_driven
 from tests.support.messages import scans_of_file
 from tests.web.shown import S2, Open
 
@@ -243,7 +243,7 @@ def test_box_and_sector_are_drawn_and_saved(viewed: Open, tmp_path: Path, monkey
 def check_recording(tmp_path: Path, settings: Path, begin: float, finish: float) -> None:
     """A recording with scans has nothing in the sector that was drawn, nor in the box, read by others' programs."""
     run = tmp_path / "run.mcap"
-    invoke("record", S2, "-o", str(run), "-n", "3", "--scans", "--config", str(settings), code=0)
+    invoke_driven("record", S2, "-o", str(run), "-n", "3", "--scans", "--config", str(settings), code=0)
     scans = scans_of_file(run)
     assert len(scans) == 3
     for scan in scans:

@@ -9,7 +9,7 @@ import json
 
 import pytest
 
-from benchmarks.browser import Browser
+from benchmarks.browser import Browser, Page
 from tests.cli.processes import end, started
 from tests.support.children import line_of, until
 from tests.web.shown import S2, Open, ink
@@ -25,9 +25,15 @@ EDGES = (
 """Left, right, upper and lower edge of what is drawn, in dots, without the farthest hundredth."""
 
 
-def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 3")
+@pytest.fixture
+def page(url: str, opened: Open) -> Page:
+    """The page, which has drawn some scans."""
+    made = opened(url)
+    made.until("seen.painted > 1")
+    return made
+
+
+def test_scans_are_drawn_and_the_panel_tells_of_them(page: Page) -> None:
     assert ink(page) > 1000
     page.until("document.body.innerText.includes('link load') && lidars[0].load !== null")
     page.until("[...document.querySelectorAll('dd')].some(each => /^6\\d %$/.test(each.textContent))")
@@ -42,10 +48,8 @@ def test_scans_are_drawn_and_the_panel_tells_of_them(url: str, opened: Open) -> 
     assert told["packets lost"] == "0 %"
 
 
-def test_the_room_is_drawn_where_it_is(url: str, opened: Open) -> None:
+def test_the_room_is_drawn_where_it_is(page: Page) -> None:
     """The picture of the page against the scan that it was made of, in the browser's own numbers."""
-    page = opened(url)
-    page.until("seen.painted > 1")
     page.key(" ")
     page.until("view.paused && !dirty")
     hit = json.loads(
@@ -65,9 +69,7 @@ def test_the_room_is_drawn_where_it_is(url: str, opened: Open) -> None:
     assert page.ask("place(1, 0)[1] < place(0, 0)[1] && place(0, 1)[0] < place(0, 0)[0]")
 
 
-def test_pause_stops_the_picture_and_goes_on(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 1")
+def test_pause_stops_the_picture_and_goes_on(page: Page) -> None:
     page.click("#pause")
     page.until("document.querySelector('#words').textContent === 'paused'")
     assert page.ask("document.querySelector('#pause').getAttribute('aria-pressed')") == "true"
@@ -83,9 +85,7 @@ def test_pause_stops_the_picture_and_goes_on(url: str, opened: Open) -> None:
     page.until(f"scans[0].at(-1).seq > {before[0]}")
 
 
-def test_zoom_and_pan_by_wheel_pointer_and_keys(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 1")
+def test_zoom_and_pan_by_wheel_pointer_and_keys(page: Page) -> None:
     scale = page.ask("view.scale")
     under = page.ask("[(room().center - 200) / view.scale + view.x, (room().middle - 300) / view.scale + view.y]")
     page.wheel(300, 200, -400)
@@ -116,9 +116,7 @@ def test_a_trail_and_other_colours(url: str, opened: Open) -> None:
     assert ink(page) > 500
 
 
-def test_the_picture_is_saved(url: str, opened: Open, browser: Browser) -> None:
-    page = opened(url)
-    page.until("seen.painted > 1")
+def test_the_picture_is_saved(page: Page, browser: Browser) -> None:
     page.key("s")
     until(lambda: [each for each in browser.downloads.glob("lidario-*.png") if each.stat().st_size])
     (saved,) = browser.downloads.glob("lidario-*.png")
@@ -161,9 +159,7 @@ def test_on_a_phone_nothing_is_outside_and_nothing_hides_the_lidar(url: str, ope
     assert edges[1] - edges[0] > 0.75 * 390
 
 
-def test_every_control_is_reached_by_the_keyboard_and_has_a_name(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 1")
+def test_every_control_is_reached_by_the_keyboard_and_has_a_name(page: Page) -> None:
     reached = set()
     for _ in range(14):
         page.key("Tab")
@@ -177,9 +173,7 @@ def test_every_control_is_reached_by_the_keyboard_and_has_a_name(url: str, opene
     assert all(page.ask(names))
 
 
-def test_the_pointer_tells_distance_and_angle_and_the_ruler_measures(url: str, opened: Open) -> None:
-    page = opened(url)
-    page.until("seen.painted > 1 && !dirty")
+def test_the_pointer_tells_distance_and_angle_and_the_ruler_measures(page: Page) -> None:
     page.key(" ")
     page.until("view.paused && !dirty")
     # A wall to the right, told from the scan itself; the pointer is 3 dots beside it.

@@ -16,7 +16,7 @@ from lidario.web import server as module
 from lidario.web.feed import Feed
 from lidario.web.server import LiveServer
 from tests.support.cases import CASES
-from tests.support.loop import run_driven
+from tests.support.loop import run_driven, until
 from tests.support.recorded import record
 from tests.web.test_server import BOUND, viewer
 
@@ -143,12 +143,10 @@ async def test_a_recording_that_cannot_be_made_says_so_and_the_page_goes_on(tmp_
     assert live.keeper is not None
     reading = asyncio.create_task(live.run())
     live.keeper.ask(on=True)
-    async with asyncio.timeout(BOUND):
-        while not live.keeper.error:
-            await asyncio.sleep(0.01)
-        scans = live.scans
-        while live.scans < scans + 2:
-            await asyncio.sleep(0.01)
+    keeper = live.keeper
+    await until(lambda: keeper.error)
+    scans = live.scans
+    await until(lambda: live.scans >= scans + 2)
     assert not live.keeper.is_on
     assert "nowhere" in live.keeper.error
     reading.cancel()

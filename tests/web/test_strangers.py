@@ -18,7 +18,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from lidario.web import door
 from lidario.web import server as module
 from lidario.web.server import LiveServer
-from tests.support.children import ROOT, until
+from tests.support import children
+from tests.support.children import ROOT
+from tests.support.loop import until
 from tests.web.test_server import BOUND, get, publish, serving, until_viewers, viewer
 
 MOST_BYTES = 16 << 20
@@ -141,9 +143,7 @@ async def test_who_says_nothing_takes_only_so_many_places(
                 each.send(said)
                 strangers.append(each)
                 await asyncio.sleep(0)
-            async with asyncio.timeout(BOUND):
-                while still_open(strangers) > most:
-                    await asyncio.sleep(0.005)
+            await until(lambda: still_open(strangers) <= most)
             assert (await get(server, "/", f"localhost:{server.port}"))[0].startswith(b"HTTP/1.1 200 ")
             async with viewer(server):
                 await until_viewers(server, 1)
@@ -181,9 +181,7 @@ async def test_not_even_all_at_once_become_too_many_viewers(monkeypatch: pytest.
         most: list[int] = []
         watching = [asyncio.create_task(watch()) for _ in range(8)]
         await until_viewers(server, 3)
-        async with asyncio.timeout(BOUND):
-            while sum(task.done() for task in watching) < 5:
-                await asyncio.sleep(0.005)
+        await until(lambda: sum(task.done() for task in watching) >= 5)
         assert max(most) == server.viewers == 3
         for task in watching:
             task.cancel()
@@ -263,7 +261,7 @@ def test_without_descriptors_there_is_one_line_and_no_waiting() -> None:
         with ExitStack() as opened:
             address = ("127.0.0.1", port)
             strangers = [opened.enter_context(socket.create_connection(address, BOUND)) for _ in range(60)]
-            until(lambda: still_open(strangers) <= 10)
+            children.until(lambda: still_open(strangers) <= 10)
         process.stdin.write("\n")
         process.stdin.flush()
         assert float(process.stdout.readline()) < BOUND
