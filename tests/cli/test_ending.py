@@ -58,13 +58,22 @@ def test_people_get_the_picture_after_ctrl_c_and_the_motor_is_commanded_to_rest_
         assert motor.data[3:5] == b"\0\0"  # behind start, command and size: the speed
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_number_of_scans_that_is_not_reached(number: signal.Signals, code: int) -> None:
+@pytest.mark.parametrize(
+    ("verb", "number", "code"),
+    [
+        ("scan -n 100000", signal.SIGINT, 130),
+        ("scan -n 100000", signal.SIGTERM, 143),
+        ("stats -t 1h", signal.SIGINT, 130),
+    ],
+)
+def test_a_number_of_scans_or_a_time_that_is_not_reached(verb: str, number: signal.Signals, code: int) -> None:
+    name, *options = verb.split()
     with served(FIRST) as server:
-        with started("scan", server.path, "-n", "100000", "--json") as process:
-            line_of(process.stdout)
-            end(process, number)
+        with started(name, server.path, *options, "--json") as process:
+            until(lambda: server.device.scanning)
+            _, said = end(process, number)
         assert process.returncode == code
+        assert "Traceback" not in said
         until(lambda: was_stopped(server))
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from lidario.cli.stats import Measured, verdict
 from lidario.web.traffic import Traffic
-from tests.cli.processes import end, invoke_driven, served, started
-from tests.support.children import until
+from tests.cli.processes import invoke_driven
 
 S2 = "sim://rplidar-s2?via=memory&world=circle"
 
@@ -131,14 +130,3 @@ def test_where_no_second_revolution_comes_it_says_so(tmp_path: Path, form: tuple
         ended = invoke_driven("stats", source, "-t", time, *form)
         assert (ended.exit_code, ended.stdout) == (5, "")
         assert ended.stderr.startswith("nothing was measured: ")
-
-
-@pytest.mark.long
-def test_ctrl_c_ends_it_with_130_and_stops_the_device() -> None:
-    with served("rplidar-s2") as server:
-        with started("stats", server.path, "-t", "1h", "--json") as process:
-            until(lambda: server.device.scanning)
-            _, said = end(process)
-        assert process.returncode == 130
-        assert "Traceback" not in said
-        until(lambda: not server.device.scanning)

@@ -142,22 +142,27 @@ async def test_a_loss_that_nobody_was_told_is_told_to_who_comes_next() -> None:
         await port.close()
 
 
-async def test_a_line_that_was_hung_up_is_noticed() -> None:
+@pytest.mark.parametrize("schedule", [None, Steady()], ids=["woken", "read by the thread"])
+async def test_a_line_that_was_hung_up_is_noticed(schedule: Schedule | None) -> None:
     """As a USB adapter that is pulled out: readable, and reading returns nothing; here with a pipe."""
     ours, theirs = os.pipe()
     os.set_blocking(ours, False)
     port, sink = Port("pipe"), Sink()
     port.attach(sink)
     reader = OnlyRead(port, ours)
-    reader.start()
-    os.write(theirs, b"before")
-    await sink.until(6)
-    reader.poll()
-    assert not reader.lost
+    if schedule is None:
+        reader.start()
+        os.write(theirs, b"before")
+        await sink.until(6)
+        reader.poll()
+        assert not reader.lost
+    else:
+        reader.set_polling(schedule)
     os.close(theirs)
     async with asyncio.timeout(PATIENCE_S):
         await reader.ended.wait()
     assert [str(error) for error in reader.lost] == ["the line was hung up"]
+    assert threads() == []
     os.close(ours)
 
 

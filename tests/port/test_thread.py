@@ -1,6 +1,5 @@
 """The thread that reads ports while the loop is busy, on real terminals: what it reads, and when it ends."""
 
-import asyncio
 import gc
 import math
 import os
@@ -164,29 +163,6 @@ async def test_beyond_a_mebibyte_the_port_tells_what_it_dropped(monkeypatch: pyt
             assert time.monotonic() < deadline
             port.poll()
         assert port.late.overflow_bytes + len(sink.data) == sent + 4
-
-
-@pytest.mark.parametrize("way", ["pulled", "hung up"])
-async def test_the_end_of_a_line_is_noticed_although_the_loop_does_not_poll(way: str) -> None:
-    if way == "pulled":
-        with terminal_pair() as (master, slave, _):
-            os.set_blocking(slave, False)
-            reader = OnlyRead(Port("terminal"), slave)
-            reader.set_polling(Steady())
-            os.close(master)
-            async with asyncio.timeout(PATIENCE_S):
-                await reader.ended.wait()
-    else:
-        ours, theirs = os.pipe()
-        os.set_blocking(ours, False)
-        reader = OnlyRead(Port("pipe"), ours)
-        reader.set_polling(Steady())
-        os.close(theirs)
-        async with asyncio.timeout(PATIENCE_S):
-            await reader.ended.wait()
-        os.close(ours)
-    assert len(reader.lost) == 1
-    assert threads() == []
 
 
 async def test_a_reader_that_was_thrown_away_is_not_read_for_ever() -> None:
