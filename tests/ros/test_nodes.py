@@ -55,7 +55,7 @@ async def published(router: Router, domain: int, scans: list[Scan], **options: A
     async with Rig(router) as rig:
         reader = await rig.bus()
         reader.subscribe(node.data_key("/scan", LASERSCAN), came.append)
-        lidar = await rig.enter_async_context(lidario.open_lidar(SimulatedLidar()))
+        lidar = await rig.enter_async_context(lidario.open_lidar(SimulatedLidar(pace=1.0)))
         publisher = Publisher(lidar, domain=domain, router=router.address, **options)
         async with publisher:
             await until(lambda: publisher.is_connected and publisher.is_read)
