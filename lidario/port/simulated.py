@@ -201,26 +201,28 @@ class MemoryTransport(Line):
 
     def set_polling(self, schedule: Schedule | None) -> None:
         self._schedule = schedule
-        self._wait()
+        self._wait(self._port.now())
 
     def poll(self) -> None:
         self._deliver()
 
     def _tell(self, does: Callable[[int], None]) -> None:
         """Something reaches the device, which may have something to send then."""
-        self._of_device(does)
-        self._wait()
+        now = self._port.now()
+        self._of_device(does, now)
+        self._wait(now)
 
     def _deliver(self) -> None:
         """Hand over what the device has sent."""
         if self._port.is_forked:
             return
+        now = self._port.now()
         try:
-            if data := self._of_device(self._read):
-                self._port.data_received(data)
+            if data := self._of_device(self._read, now):
+                self._port.data_received(data, now)
         finally:
             # Only now the schedule knows when what comes next is needed.
-            self._wait()
+            self._wait(self._port.now())
 
     def _read(self, now: int) -> bytes:
         data = self._line.read(now)
@@ -229,30 +231,30 @@ class MemoryTransport(Line):
             return b""
         return data
 
-    def _of_device(self, does: Callable[[int], T]) -> T | None:
+    def _of_device(self, does: Callable[[int], T], now: int) -> T | None:
         """What the device does now; where it fails, the line ends."""
         if self.is_closing:
             return None
         try:
-            return does(self._port.now())
+            return does(now)
         except Exception as error:
             self.end(_failed(self._port.name, error))
             return None
 
-    def _wait(self) -> None:
+    def _wait(self, now: int) -> None:
         """Read the device when it next has something to send that is needed, and at most once a tick."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        due_ns = self._of_device(self._line.wakeup)
+        due_ns = self._of_device(self._line.wakeup, now)
         if due_ns is None or self.is_closing or self._loop.is_closed():
             return
-        now, pause = self._port.now() * 1e-9, TICK_S
+        now_s, pause = now * 1e-9, TICK_S
         if (schedule := self._schedule) is not None:
             # As seldom as a line of the system is read.
-            until = min(schedule.due - now, ALONE_SHARE * schedule.buffer_s)
+            until = min(schedule.due - now_s, ALONE_SHARE * schedule.buffer_s)
             pause = max(pause, until if until > 0 else schedule.latency)
-        self._timer = self._loop.call_at(max(due_ns * 1e-9, now + pause), self._deliver)
+        self._timer = self._loop.call_at(max(due_ns * 1e-9, now_s + pause), self._deliver)
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""

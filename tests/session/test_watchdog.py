@@ -41,7 +41,7 @@ async def test_what_is_held_is_read_before_it_counts_as_silent(rig: Rig, monkeyp
     data_received, held = Port.data_received, bytearray()
     polls = 0
 
-    def hold(self: Port, data: bytes) -> None:
+    def hold(self: Port, data: bytes, now: int) -> None:
         held.extend(data)
 
     def poll(self: Port) -> None:
