@@ -69,6 +69,7 @@ class Request:
     settle: float = 0.0  # seconds the device needs after this request before it accepts the next
     attempts: int = 2  # how often to ask before giving up; more than 1 only if asking twice does no harm
     ends_stream: bool = False  # True if this request ends the device's stream (STOP, RESET)
+    boots: bool = False  # True if the device restarts, and responds again only when it has booted (RESET)
     in_stream: bool = False  # True if it may be sent while packets flow, and does not affect them
     stream: StreamFormat | None = None  # format of the packets that follow, a fresh object for each start
     others: tuple[StreamFormat, ...] = ()  # formats that the descriptor may announce instead

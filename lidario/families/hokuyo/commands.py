@@ -41,7 +41,7 @@ def respond(request: bytes, payload: bytes) -> bytes:
 FILL: Final = Request("FILL", b"\n")
 # Echo, status and an empty line come back.
 STOP: Final = Request("QT", b"QT\n", settle=SETTLE_S, ends_stream=True, acknowledged=respond(b"QT\n", ACCEPTED))
-RESET: Final = Request("RS", b"RS\n", settle=SETTLE_S, ends_stream=True)
+RESET: Final = Request("RS", b"RS\n", settle=SETTLE_S, ends_stream=True, boots=True)
 
 
 class Told(NamedTuple):

@@ -51,7 +51,7 @@ def _query(name: str, data: bytes, expects: Expected) -> Request:
 FILL: Final = Request("FILL", bytes(HQ_PAYLOAD + 3))
 """Completes the longest request, which may lack its length, payload and checksum. A length of 0 ends it at once."""
 STOP: Final = Request("STOP", encode_request(0x25), settle=SETTLE_S, ends_stream=True)
-RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True)
+RESET: Final = Request("RESET", encode_request(0x40), settle=RESET_SETTLE_S, ends_stream=True, boots=True)
 GET_INFO: Final = _query("GET_INFO", encode_request(0x50), Expected(0x04, 20))
 GET_HEALTH: Final = _query("GET_HEALTH", encode_request(0x52), Expected(0x06, 3))
 GET_SAMPLERATE: Final = _query("GET_SAMPLERATE", encode_request(0x59), Expected(0x15, 4))

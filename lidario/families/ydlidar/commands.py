@@ -41,7 +41,7 @@ ANNOUNCED: Final = Descriptor(0x81, 5, continuous=True)
 """The descriptor of every model's stream, whatever the length of its packets."""
 STOP: Final = Request("STOP", encode_request(0x65), settle=STOP_SETTLE_S, ends_stream=True)
 FORCED_STOP: Final = Request("FORCED_STOP", encode_request(0x00), settle=STOP_SETTLE_S, ends_stream=True)
-RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True)
+RESET: Final = Request("RESET", encode_request(0x80), settle=STOP_SETTLE_S, ends_stream=True, boots=True)
 """Soft restart. No document says how long it takes: the host must ask afterwards until there is a response."""
 
 GET_INFO: Final = Request("GET_INFO", encode_request(0x90), Expected(SETTING, 20), 1.0)

@@ -315,13 +315,13 @@ class Dialogue(Intake, Waiting):
             if request.baudrate is not None:
                 self.port.set_baudrate(request.baudrate)
             self.link.send_request(request)
-            boots = self.stopper.sent(request)
-            if request.ends_stream:
-                # Also what came before anybody could read it: it is no part of the next stream.
+            self.stopper.sent(request)
+            if request.stream is not None:
+                # What came of another one before anybody could read it is no part of this stream.
                 self.deliver_to(None)
             if request.dtr is not None and request.dtr is not self.port.dtr:
                 self.port.set_dtr(request.dtr)
-            if boots:
+            if request.boots:
                 # Noted here: whoever wrote it may be cancelled before anybody waits until the device has booted.
                 self.reset_at = self._loop.time()
             # One by one: where the line carries datagrams, a device may look for one request in each.

@@ -37,7 +37,6 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from lidario.errors import Unsupported
 from lidario.families.base import Device
 from lidario.session.talking.readiness import CLOCK_S, LATEST_RESPONSE_S, Readiness
 from lidario.wire.envelope import Request
@@ -97,10 +96,6 @@ class Stopper:
         self._stopped_again = False
         self._doubtful = self._hanging_up = False
         self._patient = True
-        try:
-            self._reset = device.reset().data
-        except Unsupported:
-            self._reset = b""
 
     @property
     def ends_by_itself(self) -> bool:
@@ -137,17 +132,15 @@ class Stopper:
         listens_at = max(self._hearing.free_at(math.inf), self._hearing.owes_until)
         return (self._device.fill, *self.requests()), self.last_requests(), listens_at
 
-    def sent(self, request: Request) -> bool:
-        """Take note that `request` was sent: it may have set the device in motion. Returns whether it boots now.
+    def sent(self, request: Request) -> None:
+        """Take note that `request` was sent: it may have set the device in motion.
 
-        Queries do not. Nor does a reset; but not every motor is switched off by one, and it may not be heard. A
-        device that cannot be restarted from here never boots.
+        Queries do not. Nor does a reset; but not every motor is switched off by one, and it may not be heard.
         """
-        self._unasked = self._came_unasked()
+        self._unasked = self._dialogue.stats.stray_bytes + self._dialogue.stats.drained_bytes
         if request.stream is not None or (request.expects is None and not request.ends_stream):
             self.still, self._moved = False, True
             self._again_at, self._stopped_again = math.inf, False
-        return bool(self._reset) and request.data == self._reset
 
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
@@ -161,15 +154,15 @@ class Stopper:
     def heard_unasked(self) -> None:
         """Something came from a device at rest: where it is a stream, stop it if it hears requests."""
         again = not self._stopped_again and self._loop.time() >= self._again_at
-        streams = (self.still or again) and self._came_unasked() - self._unasked > UNASKED
-        if streams and any(request.data for request in self.requests()):
+        if (self.still or again) and self._came_unasked() and any(request.data for request in self.requests()):
             self.still = False
             if again:
                 self._stopped_again = True
                 self.stop()
 
-    def _came_unasked(self) -> int:
-        return self._dialogue.stats.stray_bytes + self._dialogue.stats.drained_bytes
+    def _came_unasked(self) -> bool:
+        """Whether more than noise has come since the last request."""
+        return self._dialogue.stats.stray_bytes + self._dialogue.stats.drained_bytes - self._unasked > UNASKED
 
     def try_now(self) -> None:
         """While they are wanted: write the stop requests if the device listens; else come back when it does.
@@ -189,7 +182,7 @@ class Stopper:
         """The device has responded to the question."""
         self.asks = False
         is_late, self._late_until = self._late_until > self._hearing.asked_at, 0.0
-        if self._came_unasked() - self._unasked > UNASKED:
+        if self._came_unasked():
             self._again(SENDS_ON)
             return
         if is_late:
