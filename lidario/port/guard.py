@@ -48,7 +48,7 @@ WAIT_S = 4.0
 device owed a response (`lidario.port.guard_process.LONGEST_S`)."""
 _LOOK_S = 0.01
 MARGIN_S = 0.005
-"""Added to the pause that the stop requests demand: an adapter may deliver one late and the next one on time."""
+"""Added to every pause that a device demands: an adapter may deliver one request late and the next one on time."""
 _SCRIPT = str(Path(__file__).with_name("guard_process.py"))
 _FAREWELL = b"farewell\n"
 _HURRIED = b"hurried\n"

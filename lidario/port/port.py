@@ -264,8 +264,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
             # The garbage collector may run this in any thread.
             self._loop.call_soon_threadsafe(self.close_soon)
         except RuntimeError:  # the loop was closed
-            line.close_without_loop()
-            self.closed()
+            self.close_soon()
 
     # ------------------------------------------------------------------------------------- what the line calls
 

@@ -145,18 +145,17 @@ class PolledLine(Line):
             self._wait()
 
     def _read(self) -> None:
-        """Read all there is."""
-        if not self.is_closing:
-            try:
-                self._inbox.read()
-            except OSError as error:
-                self.lose(error)
+        """Read all there is; nothing behind `stop`, which has closed the inbox."""
+        try:
+            self._inbox.read()
+        except OSError as error:
+            self.lose(error)
 
     def _wait(self) -> None:
         """Wait for the next poll, or be woken by the next delivery where none of them may wait."""
-        if not self._running or self._timer is not None:
-            return
         schedule, pause = self._schedule, 0.0
+        if not self._running or self._timer is not None or (self._watching and schedule is None):
+            return
         if schedule is not None:
             now_ns = self._port.now()
             now = now_ns * 1e-9

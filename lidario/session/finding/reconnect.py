@@ -87,8 +87,6 @@ class Reconnector:
         self._places = Places(source)
         self._simulation: Simulation | None = None
         self._loop = asyncio.get_running_loop()
-        # Whether it may come back: not while it does, nor when it has given up or was cancelled.
-        self._is_ready = True
         self._task: asyncio.Task[None] | None = None
         self._dialogue: Dialogue | None = None
         self.proven: bool = True  # whether the session works: then the next loss is a new one
@@ -114,20 +112,17 @@ class Reconnector:
         return self._known
 
     def begin(self, error: LidarError, scans: int) -> None:
-        """The line is no good any more, because of `error`: come back, in a task.
+        """The line is no good any more, because of `error`: come back, in a task. Not to be called while it does.
 
         Where none of the session's `scans` came since it was back the last time, that was not a success: the time
         goes on counting, and the waits go on growing.
         """
-        if not self._is_ready:
-            return
         if scans > self._scans:
             self.proven, self._scans = True, scans
         if self.proven:
             self._first, self._since, self._attempts = error, self._loop.time(), 0
             self._wait_s, self._told = self._policy.first_wait_s, ""
             _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
-        self._is_ready = False
         self._task = self._loop.create_task(self._run(), name="lidario: come back")
         self._task.add_done_callback(self._ended)
 
@@ -142,7 +137,7 @@ class Reconnector:
 
     def cancel(self) -> None:
         """Come back no more. What is half connected is left still and closed by the task, see `ended`."""
-        self._is_ready, self.gave_up = False, None
+        self.gave_up = None
         if self._task is not None:
             self._task.cancel()
 
@@ -276,7 +271,6 @@ class Reconnector:
         return not set(self._known.info.serial) - _NO_SERIAL and not self._places.is_own(place)
 
     def _take_over(self, connection: Connection, health: Health) -> None:
-        self._is_ready = True
         self.count += 1
         self._known, self.proven = connection, False
         place, away = connection.dialogue.port.name, self._loop.time() - self._since

@@ -119,7 +119,6 @@ class StreamControl:
         self.go(Event.STARTED)
         self.ran = True
         self.running = Running(stream, self._at, self._latency, self.totals, self._hub, self._failed)
-        self.running.divide()
         self.running.begin()
 
     def pause(self) -> None:
@@ -129,10 +128,13 @@ class StreamControl:
         self.rest()
 
     async def interrupt(self) -> None:
-        """Stop the stream, not the motor, and wait until the line is quiet."""
+        """Have the device hear the next question: stop its stream, not the motor, and wait for a quiet line."""
         if self.state is State.RUNNING:
             self.pause()
             await self.silence()
+        elif self.failure is not None:
+            # A start whose response was lost: it may scan all the same.
+            await self._at.dialogue.quieten()
 
     def resume(self) -> None:
         """The device is free again: the stream that was interrupted is to be started."""
@@ -190,7 +192,6 @@ class StreamControl:
         self.failure = None
         self.rest()
         self.leave_off()
-        self._at.dialogue.on_lost = None
         self._at.dialogue.on_still = None
         # Where the line still works, those who wait for a response must not wait for a device that is being left.
         lost = error if isinstance(error, DeviceLost) else DeviceLost(f"the line to the lidar is given up: {error}")

@@ -97,9 +97,6 @@ class Failures:
             return
         try:
             await self._control.interrupt()
-            if failure.error is not None:
-                # It may have begun all the same, and a device that scans hears no question.
-                await self._at.dialogue.quieten()
             await self._ask_about(failure)
         except (StreamFailed, DeviceFault) as error:
             if failure.error is not None and isinstance(error, StreamFailed):

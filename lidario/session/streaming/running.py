@@ -122,6 +122,7 @@ class Running:
             self._pipeline.assembler.wall_offset_ns,
             continues=self._totals.assembled.left_off is not None,
         )
+        self.divide()
         self._dialogue.deliver_to(self._take)
         self._dialogue.port.set_polling(self._forecast)
         if self._dialogue.port.is_live:

@@ -161,11 +161,7 @@ class Scanner:
             dialogue.begin()
             self._asks = True
             try:
-                if self.control.state is State.RUNNING:
-                    await self.control.interrupt()
-                elif self.control.failure is not None:
-                    # A start whose response was lost: it may scan all the same, and would not hear this.
-                    await dialogue.quieten()
+                await self.control.interrupt()
                 if dialogue.reset_at is not None:
                     await come_back(dialogue)
                 return await action()
@@ -175,8 +171,6 @@ class Scanner:
                 raise
             finally:
                 self._asks = False
-                # It may have been woken to hear this, or restarted.
-                self.hub.check_deserted()
                 self._resume()
 
     async def retune(self) -> None:
@@ -234,10 +228,13 @@ class Scanner:
         self.starter.work_soon()
 
     def _resume(self) -> None:
-        """The device is free again: have the stream started again, if it has readers."""
+        """The device is free again: have the stream started again where somebody reads, or stop it."""
         if self.hub.readers:
             self.control.resume()
             self.starter.work_soon()
+        else:
+            # It may have been woken to hear a question, or restarted.
+            self.hub.check_deserted()
 
     def _deserted(self) -> None:
         """Nobody reads: stop the device. During a question or a restart it is left: `between` asks again."""

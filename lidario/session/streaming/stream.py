@@ -72,7 +72,7 @@ class Mailbox(Generic[T]):
         self.total_dropped: int = 0  # scans dropped altogether
         self._depth = depth
         self._scans: deque[T] = deque()
-        self._hold: weakref.ref[_Hold] | None = None
+        self._hold: Callable[[], _Hold | None] = lambda: None  # it is not kept here
         self.ended: bool = False  # whether no more scans will come
         self._error: LidarError | None = None
         # Called when the reader has taken a scan. Where it is set, no scan is dropped: who has set it puts more
@@ -104,7 +104,7 @@ class Mailbox(Generic[T]):
             self.ended = True
             self._error = error
             self._wake()
-            if self._hold is not None and (hold := self._hold()) is not None:
+            if (hold := self._hold()) is not None:
                 hold.end()
 
     async def get(self) -> T:
@@ -131,7 +131,7 @@ class Mailbox(Generic[T]):
         Raises:
             Busy: Another task is waiting already.
         """
-        hold = None if self._hold is None else self._hold()
+        hold = self._hold()
         if hold is not None and hold.waiter is not None:
             raise Busy("two tasks read one stream: give each its own, as each call of lidar.scans() does")
         while not self._scans and not self.ended:
@@ -146,7 +146,7 @@ class Mailbox(Generic[T]):
                 hold.waiter = None
 
     def _wake(self) -> None:
-        hold = None if self._hold is None else self._hold()
+        hold = self._hold()
         waiter = None if hold is None else hold.waiter
         if waiter is not None and not waiter.done() and not waiter.get_loop().is_closed():
             waiter.set_result(None)

@@ -6,6 +6,7 @@ take its time. What it is sent meanwhile it discards, and does not say so.
 
 import asyncio
 
+from lidario.port.guard import MARGIN_S
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 
@@ -18,8 +19,6 @@ UNCONFIRMED_S = 1.0
 _AWAITING = LinkState.AWAIT_RESPONSE
 _DECIDED_S = 0.02
 """How often it is looked whether another speed of the line has been decided; that takes 1.5 s at most."""
-_MARGIN_S = 0.005
-"""Added to every pause a device demands: an adapter may deliver one request late and the next one on time."""
 
 
 class Readiness:
@@ -57,7 +56,7 @@ class Readiness:
 
     def pause(self, settle: float) -> None:
         """A request is about to be written that demands a pause of so many seconds."""
-        self.listens_at = max(self.listens_at, self._loop.time() + settle + _MARGIN_S)
+        self.listens_at = max(self.listens_at, self._loop.time() + settle + MARGIN_S)
 
     def asks(self, timeout: float) -> None:
         """A question is about to be written whose response is waited for that long."""

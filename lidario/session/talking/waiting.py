@@ -7,6 +7,7 @@ Timers, not cancel scopes, bound it: native cancellation and anyio's behave alik
 
 import asyncio
 import weakref
+from collections.abc import Callable
 from enum import Enum, auto
 
 from lidario.errors import LidarError
@@ -28,7 +29,7 @@ class Waiting:
         self.fatal: LidarError | None = None  # what ended all operations for good, or None
         self._loop = asyncio.get_running_loop()
         # Held by its task and its timer. A finalizer reaches this object, and must not reach the frames of a task.
-        self._waiter: weakref.ref[asyncio.Future[bytes | None]] | None = None
+        self._waiter: Callable[[], asyncio.Future[bytes | None] | None] = lambda: None
         self._awaited = Awaited.TIME
         # What ends the operation in progress, or every one.
         self._ends: LidarError | None = None
@@ -36,7 +37,7 @@ class Waiting:
     def interrupt(self, error: LidarError) -> None:
         """End the operation in progress with `error`: at once if it waits, else at its next step."""
         self._ends = self.fatal or error
-        waiter = None if self._waiter is None else self._waiter()
+        waiter = self._waiter()
         if waiter is not None and not waiter.done() and not self._loop.is_closed():
             waiter.set_exception(twin_of(error))
 
@@ -59,11 +60,10 @@ class Waiting:
             return await waiter
         finally:
             timer.cancel()
-            self._waiter = None
 
     def wake(self, what: Awaited, result: bytes = b"") -> None:
         """The operation in progress need not wait any more, if it waits for this."""
-        waiter = None if self._waiter is None or self._awaited is not what else self._waiter()
+        waiter = self._waiter() if self._awaited is what else None
         # After the loop was closed, waiters are collected: none can be woken any more.
         if waiter is not None and not waiter.done() and not self._loop.is_closed():
             waiter.set_result(result)
