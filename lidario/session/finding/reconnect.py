@@ -78,6 +78,8 @@ class Reconnect:
 class Reconnector:
     """Brings one session back, as often as it is needed; never, where there is no policy."""
 
+    unused: Callable[[], Awaitable[None]]  # returns when nobody uses the line that was lost; the session sets it
+
     def __init__(self, policy: Reconnect | None, source: Source) -> None:
         self.comes_back: bool = policy is not None
         self.count: int = 0  # how often the session has come back
@@ -95,7 +97,6 @@ class Reconnector:
         self.adopt: Callable[[], Callable[[Connection, Health], None] | None] = lambda: None
         # Called with the error that ends the session, unless `cancel` or `abandon` came before.
         self.gave_up: Callable[[LidarError], None] | None = None
-        self.unused: Callable[[], Awaitable[None]] | None = None  # returns when nobody uses the line that was lost
 
     async def connect(self, source: Source, family: str | None, baudrate: int | None, *, guard: bool) -> Connection:
         """Connect for the first time, and note which device it is, as `lidario.session.finding.connect.connect`."""
@@ -194,7 +195,6 @@ class Reconnector:
 
     async def _leave(self) -> None:
         await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
-        assert self.unused is not None
         await self.unused()
 
     async def _try_until_found(self) -> tuple[Connection, Health]:

@@ -58,7 +58,7 @@ class StreamControl:
     @property
     def is_scanning(self) -> bool:
         """Whether a stream runs, or is about to."""
-        return self.state in (State.STARTING, State.RUNNING, State.INTERRUPTED, State.AWAITED)
+        return self.state in (State.STARTING, State.RUNNING, State.AWAITED)
 
     @property
     def is_away(self) -> bool:
@@ -122,7 +122,7 @@ class StreamControl:
         self.running.begin()
 
     def pause(self) -> None:
-        """The stream that runs is not read any more, and is wanted all the same."""
+        """The stream that runs is not read any more; it is to be started again when the device is free."""
         self.totals.interruptions += 1
         self.go(Event.INTERRUPT)
         self.rest()
@@ -135,11 +135,6 @@ class StreamControl:
         elif self.failure is not None:
             # A start whose response was lost: it may scan all the same.
             await self._at.dialogue.quieten()
-
-    def resume(self) -> None:
-        """The device is free again: the stream that was interrupted is to be started."""
-        if self.state is State.INTERRUPTED:
-            self.go(Event.RESUME)
 
     async def silence(self) -> None:
         """Have the line quiet, by as many STOP requests as that takes."""

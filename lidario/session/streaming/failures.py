@@ -105,7 +105,6 @@ class Failures:
                 self._fail(error)
         else:
             self._control.leave_off()
-            self._control.resume()
         finally:
             self._control.failure = None
 

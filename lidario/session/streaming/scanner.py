@@ -230,7 +230,6 @@ class Scanner:
     def _resume(self) -> None:
         """The device is free again: have the stream started again where somebody reads, or stop it."""
         if self.hub.readers:
-            self.control.resume()
             self.starter.work_soon()
         else:
             # It may have been woken to hear a question, or restarted.

@@ -96,12 +96,12 @@ class Starter:
     async def _let_in(self) -> None:
         """Let in the readers who wait, as far as the modes they ask for go together."""
         control, hub = self._control, self._hub
-        while self._hub.joining:
+        while hub.joining:
             if not control.modes:
                 await control.interrupt()
                 control.keep_modes(await self._at.dialogue.run(self._at.dialogue.device.modes()))
                 continue
-            mailbox, mode, force = self._hub.joining.pop(0)
+            mailbox, mode, force = hub.joining.pop(0)
             try:
                 wanted = self._agreed(mode, force)
             except (LocalProtocolError, Unsupported) as error:
@@ -113,8 +113,6 @@ class Starter:
                 await control.interrupt()
         if not hub.readers and control.is_scanning:
             control.unwant()
-        else:
-            control.resume()
 
     def _agreed(self, mode: str | int | None, force: bool) -> Wanted:
         """The stream that a reader who asks for this and those who read already can share.

@@ -15,7 +15,6 @@ class State(Enum):
     IDLE = "idle"
     STARTING = "starting"
     RUNNING = "running"
-    INTERRUPTED = "interrupted"
     STOPPING = "stopping"
     AWAY = "away"
     AWAITED = "awaited"
@@ -28,7 +27,6 @@ class Event(Enum):
     WANT = "a reader wants scans"
     STARTED = "the device has announced its packets"
     INTERRUPT = "the device is asked something"
-    RESUME = "the device was asked and is free again"
     UNWANT = "nobody wants scans any more"
     STILL = "the device is seen still"
     LOSE = "the line to the device is no good any more"
@@ -41,8 +39,7 @@ _S, _E = State, Event
 TRANSITIONS: Final[dict[State, dict[Event, State]]] = {
     _S.IDLE: {_E.WANT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAY, _E.CLOSE: _S.CLOSED},
     _S.STARTING: {_E.STARTED: _S.RUNNING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
-    _S.RUNNING: {_E.INTERRUPT: _S.INTERRUPTED, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
-    _S.INTERRUPTED: {_E.RESUME: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
+    _S.RUNNING: {_E.INTERRUPT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
     _S.STOPPING: {
         _E.STILL: _S.IDLE,
         _E.WANT: _S.STARTING,
