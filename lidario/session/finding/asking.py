@@ -110,9 +110,9 @@ async def find_by_dtr(port: Port, tries: list[Attempt], woken: Woken) -> Connect
     try:
         for guess, patience_s in _dark_ones(tries):
             before = came.total
-            connection = await ask_once(port, guess, woken, quick=False, patience_s=patience_s)
+            connection = await ask_once(port, guess, woken, patience_s=patience_s)
             if connection is None and 0 < came.total - before <= RESPONSE_BYTES:
-                connection = await ask_once(port, guess, woken, quick=False, patience_s=patience_s)
+                connection = await ask_once(port, guess, woken, patience_s=patience_s)
             if connection is not None:
                 return connection
     finally:
@@ -137,12 +137,12 @@ def _dark_ones(tries: list[Attempt]) -> Iterator[tuple[Attempt, float]]:
 
 
 async def ask_once(
-    port: Port, attempt: Attempt, woken: Woken, *, quick: bool, patience_s: float | None = None
+    port: Port, attempt: Attempt, woken: Woken, *, quick: bool = False, patience_s: float = 0.0
 ) -> Connection | None:
     """Ask one family's question once at one speed; None when there is no response.
 
     Where nothing streams it is `quick`: it asks without waiting for silence, and waits shortly. `patience_s` is how
-    long the response may take; None for as long as is usual. Where it is ended while nothing has
+    long the response may take; 0 for as long as is usual. Where it is ended while nothing has
     responded, the port stays open: what the device is must still be found out, to leave it still.
     """
     loop = asyncio.get_running_loop()
@@ -153,8 +153,7 @@ async def ask_once(
     connection = begun(port, attempt, woken)
     dialogue = connection.dialogue
     try:
-        usual_s = QUICK_S if quick else PROBE_S
-        dialogue.hurry(usual_s if patience_s is None else patience_s)
+        dialogue.hurry(patience_s or (QUICK_S if quick else PROBE_S))
         connection.info = await introduce(dialogue, patience=0, quiet=quick)
         dialogue.hurry()
     except ResponseTimeout:

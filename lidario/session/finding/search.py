@@ -150,7 +150,7 @@ class Search:
                 return connection
             began = self._loop.time()
             patience_s = each.family.timing.starts_s if waits else 0.0
-            connection = await ask_once(self._port, each, self._woken, quick=quick, patience_s=patience_s or None)
+            connection = await ask_once(self._port, each, self._woken, quick=quick, patience_s=patience_s)
             if connection is not None:
                 return connection
             if began >= deadline and not quick:

@@ -152,7 +152,7 @@ class Mailbox(Generic[T]):
             waiter.set_result(None)
 
 
-def check_loop(loop: asyncio.AbstractEventLoop | None, what: str = "the stream was begun") -> None:
+def check_loop(loop: asyncio.AbstractEventLoop, what: str = "the stream was begun") -> None:
     """Raise LocalProtocolError where another event loop runs than this one, RuntimeError where none does."""
     if asyncio.get_running_loop() is not loop:
         raise LocalProtocolError(f"{what} in another event loop, and what it reads comes only there")
@@ -176,9 +176,8 @@ class ReaderStream(AsyncOnly, Held, Generic[T]):
         self._force = yes_or_no(force, "force")
         self._mailbox: Mailbox[Any] = Mailbox(depth, parts)
         self._filters = filters
-        self._let_go: weakref.finalize[..., ReaderStream[T]] | None = None
         self._left = False
-        self._loop: asyncio.AbstractEventLoop | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None  # in which it has begun
         self._check_open = opened
 
     @property
@@ -208,13 +207,12 @@ class ReaderStream(AsyncOnly, Held, Generic[T]):
 
     def _begin(self) -> None:
         """Have scans come, unless they do already."""
-        if self._let_go is None:
+        if self._loop is None:
             self._check_open()
             self._source.join(self._mailbox, self._mode, self._force)
             self._loop = asyncio.get_running_loop()
             # Run by the garbage collector, perhaps in another thread.
-            self._let_go = weakref.finalize(self, _let_go, self._loop, self._source, self._mailbox)
-            self._let_go.atexit = False
+            weakref.finalize(self, _let_go, self._loop, self._source, self._mailbox).atexit = False
         else:
             check_loop(self._loop)
 
@@ -252,7 +250,7 @@ class ReaderStream(AsyncOnly, Held, Generic[T]):
             with suppress(RuntimeError):
                 check_loop(self._loop)
         left, self._left = self._left, True
-        return self._let_go is not None and not left
+        return self._loop is not None and not left
 
 
 class ScanStream(ReaderStream[Scan]):
