@@ -149,8 +149,8 @@ class StreamControl:
 
     def leave_off(self) -> None:
         """What passes until the stream goes on is counted as missed, as it is where the line was lost."""
-        if self.totals.continued is not None:
-            self.totals.assembled.leave_off(self.totals.continued)
+        if self._hub.continued is not None:
+            self.totals.assembled.leave_off(self._hub.continued)
 
     # ------------------------------------------------------------------------------------------------ stop
 
@@ -160,7 +160,7 @@ class StreamControl:
             return
         self.go(Event.UNWANT)
         self.rest()
-        self.wanted = self.failure = self.totals.continued = self.totals.assembled.left_off = None
+        self.wanted = self.failure = self._hub.continued = self.totals.assembled.left_off = None
         if self.starting:
             self._at.dialogue.interrupt(NotWanted("the stream is not wanted any more"))
         self._at.dialogue.stop_device()

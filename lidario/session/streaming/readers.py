@@ -37,6 +37,8 @@ class Hub:
 
     def __init__(self, deserted: Callable[[], None]) -> None:
         self.latest: Scan | None = None  # the last scan, or None
+        # The same of a stream that goes on: what passes until its next scan is counted as missed.
+        self.continued: Scan | None = None
         self.joining: list[Joining] = []  # those who wait to be let in, the first one first
         self.dropped: int = 0  # scans that slow readers missed, summed over all of them
         # The numbers of sectors that revolutions have for the readers here.
@@ -94,7 +96,7 @@ class Hub:
 
     def publish(self, scan: Scan) -> None:
         """Hand `scan` to everybody who reads scans."""
-        self.latest = scan
+        self.latest = self.continued = scan
         for watcher in self._watchers.copy():
             watcher(scan)
         for mailbox in tuple(self.readers):

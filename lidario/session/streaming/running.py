@@ -20,7 +20,6 @@ from lidario.families.base import Keepalive, Stream
 from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.forecast import Forecast
 from lidario.session.streaming.readers import Hub
@@ -54,14 +53,12 @@ _NAMES = {each.name for each in fields(Stats)}
 
 @dataclass(slots=True)
 class Totals:
-    """What outlives a single stream: counters, which only grow, as `Stats` tells them; and the last scan."""
+    """What outlives a single stream: counters, which only grow, as `Stats` tells them."""
 
     assembled: AssemblerStats
     interruptions: int = 0
     keepalives: int = 0
     restarts: int = 0
-    # The last scan of a stream that goes on: what passes until its next one is counted as missed.
-    continued: Scan | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +142,7 @@ class Running:
         self._dialogue.port.set_polling(None)
         try:
             for scan in self._pipeline.end():
-                self._publish(scan)
+                self._hub.publish(scan)
         except Exception as error:  # the stop requests come behind this
             mistake_of_ours("lidario failed when a stream ended", error)
 
@@ -173,7 +170,7 @@ class Running:
             for scan in scans:
                 self._last_scan = self._last_packet
                 self._forecast.turned(scan, self._dialogue.stats.bytes_received, self._last_packet)
-                self._publish(scan)
+                self._hub.publish(scan)
             if scans and (note := self._pipeline.take_note()):
                 _log.warning(note)
             if counted.broken_scans > self._discarded:
@@ -182,10 +179,6 @@ class Running:
             yield
         if self._hub.parts:
             self._forecast.expect(self._pipeline.assembler.next_ns)
-
-    def _publish(self, scan: Scan) -> None:
-        self._totals.continued = scan
-        self._hub.publish(scan)
 
     def _follow_clock(self, wall_offset_ns: int) -> None:
         step_s = (wall_offset_ns - self._pipeline.assembler.wall_offset_ns) * 1e-9

@@ -118,7 +118,6 @@ class Scanner:
             for parts in self.hub.parts:
                 for sector in sectors_of(scan, parts):
                     self.hub.publish_sector(parts, sector)
-            self.control.totals.continued = scan
             self.hub.publish(scan)
 
     def finish(self) -> None:
