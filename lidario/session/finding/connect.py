@@ -112,6 +112,7 @@ async def _opened(
     if source.model is not None:
         families = families_of_model(source.model, named)
     adapter: str | None = None
+    tries = [Attempt(each, 0, source.model) for each in families]  # of a line that has no speed
     if source.kind == "sim":
         from lidario.port.simulated import Simulation  # a fifth of the import time, for those who need it
 
@@ -121,22 +122,16 @@ async def _opened(
         from lidario.port.simulated import connect_in_memory
 
         port = connect_in_memory(source.device)
-        tries = [Attempt(each, 0) for each in families]
     elif source.kind == "tcp":
         port = await open_tcp(source.text, *source.host_and_port, baudrate=speed or 0)
-        tries = [Attempt(each, 0, source.model) for each in families]
     elif source.kind == "udp":
         port = await open_udp(source.text, *source.host_and_port)
-        tries = [Attempt(each, 0) for each in families]
     else:
-        if source.model is not None:
-            tries = [
-                Attempt(each, baudrate, source.model)
-                for each in families
-                for baudrate in ((speed,) if speed else each.models[source.model].baudrates)
-            ]
-        elif speed:
-            tries = [Attempt(each, speed) for each in families]
+        if speed:
+            tries = [each._replace(baudrate=speed) for each in tries]
+        elif source.model is not None:
+            speeds = [(each, baudrate) for each in families for baudrate in each.models[source.model].baudrates]
+            tries = [Attempt(*each, source.model) for each in speeds]
         else:
             adapter = adapter_of(source.address)
             known = None if adapter is None else LAST_AT.get(adapter)
