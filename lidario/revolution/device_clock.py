@@ -147,7 +147,9 @@ class DeviceClock:
                 gap, apart_ns = gaps.popleft()
                 if gap > begin:
                     reader.add(stamps[begin:gap])
-                    if apart_ns > FASTEST_TURN_NS and (came_ns := self._came(reader, at_ns)) is not None:
+                    # Packets that are whole scans are dated from the end of their read, by their own stamps.
+                    hides_turns = apart_ns > FASTEST_TURN_NS and not self._wire.whole
+                    if hides_turns and (came_ns := self._came(reader, at_ns)) is not None:
                         arrivals.append((gap, came_ns))
                 reader.restart()
                 begin = gap

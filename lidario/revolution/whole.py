@@ -60,11 +60,13 @@ class WholeAssembler(SectorAssembler):
             apart = np.diff(wire.stamps(event)) % wrap * float(tick_ns)
             # A clock that leaps was set back: the device was restarted.
             apart[apart > _LEAP_NS] = turn_ns
-            behind = np.cumsum(np.append(apart, 0.0)[::-1])[::-1]
-            return [event.received_ns - each for each in behind.tolist()]
+            since = np.append(0.0, np.cumsum(apart)).tolist()
+        else:
+            since = [number * turn_ns for number in range(count)]
         found: list[float] = []
+        # Each by its own read, so that it does not matter how many reads are looked at together.
         for end, at_ns in event.arrivals:
-            found += [at_ns - (end - 1 - number) * turn_ns for number in range(len(found), min(end, count))]
+            found += [at_ns - (since[end - 1] - each) for each in since[len(found) : end]]
         return found
 
     @property

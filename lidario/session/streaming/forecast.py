@@ -27,6 +27,9 @@ EAGER_S = 0.003
 """Latency below which a scan is not delayed for the sake of fewer polls."""
 GUARD_S = 0.002
 """How much earlier than predicted a revolution may be complete: timers are late by up to a millisecond."""
+AT_ONCE_S = 0.0005
+"""How much earlier a revolution is polled for whose bytes come at once. They do not tell how late they were read,
+and timers are never early: each poll would come later than the one before, up to a whole revolution late."""
 _FOLLOW = 0.25
 """Share of a deviation by which the predicted period follows; more would copy the noise of a single stamp."""
 _SECTOR_MARGIN_S = 0.001
@@ -61,6 +64,10 @@ class Forecast:
         # After the packet that crosses the seam one more must arrive; where in it the crossing lies is chance.
         self._eager = latency < EAGER_S
         self._behind_s = wire_s + (1.0 if self._eager else 1.75) * packet_s
+        # Whether the bytes of a revolution come at once, behind its last sample.
+        self._at_once = stream.format.whole
+        if self._at_once:
+            self._behind_s = wire_s
         self._period = 0.0
         self._unsteady: float  # known with the period
         self._received = received
@@ -94,8 +101,9 @@ class Forecast:
         # After a blocked loop all that came meanwhile counts for the first of many scans.
         if size:
             self.buffer_s = min(max(self._buffer * expected / size, self._least_buffer_s), LONGEST_BUFFER_S)
-        early_s = GUARD_S + self._unsteady if self._eager else 0.0
-        whole = scan.stamp_ns * 1e-9 + 2 * expected + self._behind_s
+        early_s = GUARD_S + self._unsteady if self._eager else AT_ONCE_S * self._at_once
+        measured_s = scan.duration_ns * 1e-9 if self._at_once else expected
+        whole = scan.stamp_ns * 1e-9 + measured_s + expected + self._behind_s
         self._revolution_due = min(whole, now + expected) - early_s
         self.due = self._sector_due or self._revolution_due
 

@@ -91,6 +91,15 @@ def test_what_is_missing_between_two_scans_is_told_by_the_clock_of_the_device() 
     assert [scan.seq for scan in joined] == [0, 1, 2, 5, 6, 7]
 
 
+def test_it_does_not_matter_how_many_reads_are_looked_at_together() -> None:
+    """A recording is decoded in larger pieces than it was read in."""
+    blocks = [at(CASE.packets[0], 100 * number) for number in range(8)]
+    reads = [number * TURN_NS + late * MS for number, late in enumerate((4, 1, 3, 0, 2, 4, 0, 3), start=1)]
+    scans = scans_of(list(zip(blocks, reads, strict=True)))
+    joined = Packets(b"".join(blocks), (Block(2137, 8),), tuple(enumerate(reads, start=1)))
+    assert [scan.stamp_ns for scan in WholeAssembler(stream()).add(joined)] == [scan.stamp_ns for scan in scans]
+
+
 def test_times_that_nobody_can_mean_tell_a_bounded_number() -> None:
     """They come from a device, a peer or a file, and so would the numbers of all scans that follow."""
     assembler = WholeAssembler(stream())
