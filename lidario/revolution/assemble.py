@@ -248,7 +248,11 @@ class Assembler(SteadyAssembler):
         carried, lost, revoked = partial.carried, partial.lost_behind_carried, 0
         room = 0 if carried is None else len(carried.angle)
         samples, self._decoded = self._decoded or self._decode(partial, packets, split, following, room), None
+        known_ns = self.incoming.time.known_ns
         self.incoming.measure(samples, packets)
+        if not known_ns and self.incoming.time.ns and self._ended_at is not None:
+            self._date_end(partial, *self._ended_at[:2])
+            packets = joined(partial.runs)
         self.stats.lost_packets += samples.lost
         self.partial.behind_gap = bool(samples.lost_behind) or not samples.certain
         lost += samples.lost
@@ -275,6 +279,17 @@ class Assembler(SteadyAssembler):
         if not len(arrays.angle):
             return None
         return EndedRevolution(partial, packets, samples, arrays, lost, gaps, revoked)
+
+    def _date_end(self, partial: PartialRevolution, event: Packets, number: int) -> None:
+        """Date the end of the revolution that shows how long a sample takes; it ends before `number` of `event`.
+
+        Its read may have brought the next revolutions too. How late that made it could not be told before.
+        """
+        if number and partial.runs:
+            wire, run = self._stream.format, partial.runs[-1]
+            last = part_of(event, number - 1, number, None, wire, self.incoming.time.ns)
+            partial.runs[-1] = replace(run, arrivals=(*run.arrivals[:-1], (run.count, last.received_ns)))
+            self.partial.carried_ns = partial.last_ns
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
         """Date a revolution and build its scan; None if it is not whole, or parts of two have met in it."""

@@ -181,6 +181,24 @@ def test_what_came_at_one_moment_tells_no_time(name: str) -> None:
     assert all(scan.time_increment_ns == 0 for scan in scans)
 
 
+def _scans_at_once(case: Case, behind: int, **about: object) -> list[Scan]:
+    """Its scans, but for the first packets, where all came in one read."""
+    run = in_one_run(case.make_format(), b"".join(case.packets[behind:]), 10**12)
+    return SectorAssembler(stream_of(case, **about)).add(run)
+
+
+@pytest.mark.parametrize("name", ["ydlidar_g2_11hz", "ldrobot_ld08_5hz", "camsense_x1_5hz"])
+@pytest.mark.parametrize("behind", [0, 3, 40])
+def test_where_the_speed_tells_the_rate_scans_that_came_at_one_moment_are_dated(name: str, behind: int) -> None:
+    """Also the one that shows it, as where the program blocked its loop when the stream began."""
+    case = next(each for each in CASES if each.name == name)
+    rates = (case.sample_us * 1e3, case.sample_us * 2.5e3)
+    scans = _scans_at_once(case, behind, sample_ns=0.0, may_take_ns=rates)
+    told = _scans_at_once(case, behind)
+    assert [scan.seq for scan in scans] == list(range(len(told)))
+    np.testing.assert_allclose([scan.stamp_ns for scan in scans], [scan.stamp_ns for scan in told], atol=MS)
+
+
 @pytest.mark.parametrize("sectors", [(), (8,)])
 @pytest.mark.exhaustive("case", sample=CASES)
 def test_short_packets_that_came_at_one_moment_are_counted_too(case: Case, sectors: tuple[int, ...]) -> None:
