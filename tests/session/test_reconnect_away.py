@@ -217,6 +217,20 @@ async def test_what_happens_is_logged_once(rplidar: Rig, caplog: pytest.LogCaptu
     assert "is back on memory, after 6" in told[-1]
 
 
+async def test_reasons_that_take_turns_are_logged_once_each(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
+    """As where the device may be in two places, and is in neither."""
+    caplog.set_level(logging.WARNING, "lidario")
+    async with on_a_cable(rplidar) as (cable, _):
+        cable.whys = ("no such port", "it is busy")
+        for away in (1, 2):
+            cable.pull()
+            await asyncio.sleep(60.0)
+            cable.plug()
+            await asyncio.sleep(3.0)
+            told = [each.message.rpartition(": ")[2] for each in caplog.records if "not back" in each.message]
+            assert sorted(told) == sorted(away * cable.whys)
+
+
 async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_closed(rig: Rig) -> None:
     async with on_a_cable(rig) as (cable, lidar):
         async with scanning(lidar) as stream:

@@ -22,6 +22,7 @@ class Cable:
     def __init__(self, rig: Rig) -> None:
         self.device: Any = rig.device  # what is at its other end; None while it is pulled out
         self.attempts: list[float] = []  # when it was tried to connect, on the loop's clock
+        self.whys: tuple[str, ...] = ("no such port",)  # why that fails while it is pulled out, in turn
         self.rig = rig  # the device that it belongs to
         self.ports: list[Port] = []  # the session's end of each line that was connected, and the latest last
         self._lines: list[MemoryTransport] = []
@@ -33,7 +34,7 @@ class Cable:
             return self._connect(device, faults, name=name)
         self.attempts.append(now())
         if self.device is None:
-            raise ConnectFailed("no such port", reason="missing")
+            raise ConnectFailed(self.whys[len(self.attempts) % len(self.whys)], reason="missing")
         port = Port(name, self.device.baudrate)
         line = MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(self.device, faults))
         port.connection_made(line)

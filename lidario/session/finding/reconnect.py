@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("lidario")
 
+_MOST_REASONS = 16
+"""So many different reasons are logged while the device is away."""
 _NO_SERIAL = frozenset("0F[] ")
 """Serial numbers of these characters alone are unprogrammed memory: they tell no device from another."""
 
@@ -122,7 +124,7 @@ class Reconnector:
             self.proven, self._scans = True, scans
         if self.proven:
             self._first, self._since, self._attempts = error, self._loop.time(), 0
-            self._wait_s, self._told = self._policy.first_wait_s, ""
+            self._wait_s, self._why, self._told = self._policy.first_wait_s, "", set[str]()
             _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
         self._task = self._loop.create_task(self._run(), name="lidario: come back")
         self._task.add_done_callback(self._ended)
@@ -285,7 +287,7 @@ class Reconnector:
     def _give_up(self) -> None:
         error = DeviceLost(
             f"the lidar did not come back within {self._policy.limit_s:g} s ({self._attempts} attempts)"
-            + (f"; the last one: {self._told}" if self._told else "")
+            + (f"; the last one: {self._why}" if self._why else "")
         )
         error.__cause__ = self._first
         self._end_with(error)
@@ -297,7 +299,8 @@ class Reconnector:
             self.gave_up(error)
 
     def _tell(self, reason: str) -> None:
-        """Log why an attempt failed, unless the one before failed for the same reason."""
-        if reason != self._told:
-            self._told = reason
+        """Log why an attempt failed, unless one before failed for the same reason: two places may take turns."""
+        self._why = reason
+        if reason not in self._told and len(self._told) < _MOST_REASONS:
+            self._told.add(reason)
             _log.warning("the lidar is not back yet: %s", reason)
