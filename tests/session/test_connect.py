@@ -1,6 +1,7 @@
 """Finding out what is at the other end: probing on real pseudo-terminals, and what is told when none responds."""
 
 import asyncio
+from typing import Any
 
 import pytest
 
@@ -91,18 +92,25 @@ async def test_auto_does_not_write_to_strange_adapters(monkeypatch: pytest.Monke
     assert written == []
 
 
-@pytest.mark.parametrize(
-    ("babble", "verdict"),
-    [
-        (b"", "nothing came back"),
-        (bytes(40), "nearly all zero"),
-        (bytes(range(7, 200, 3)), "garbage"),
-        (pack_dense(100, [500] * 40) * 6, "RPLIDAR packets among them"),
-    ],
-    ids=["silence", "zeros", "garbage", "packets"],
-)
-async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The device sends the same bytes after every request, at whatever speed."""
+NOTHING, ALL = "nothing came back", "1000000, 512000, 230400, 115200, 256000, 128000, 460800 or 153600"
+IN_VAIN: list[tuple[bytes, str, str, dict[str, Any], str]] = [
+    (b"", NOTHING, "/dev/babbler", {}, ALL),
+    (bytes(40), "nearly all zero", "/dev/babbler", {}, ALL),
+    (bytes(range(7, 200, 3)), "garbage", "/dev/babbler", {}, ALL),
+    (pack_dense(100, [500] * 40) * 6, "RPLIDAR packets among them", "/dev/babbler", {}, ALL),
+    # What is named, by either way, is all that is asked.
+    (b"", NOTHING, "/dev/babbler", {"baudrate": 256_000}, "256000"),
+    (b"", NOTHING, "serial:///dev/babbler?baud=256000", {}, "256000"),
+    (b"", NOTHING, "/dev/babbler", {"family": "neato"}, "115200"),
+    (b"", NOTHING, "serial:///dev/babbler?family=neato", {}, "115200"),
+]
+"""What the device sends after every request, what is said of it, what is opened, and at which speeds."""
+
+
+@pytest.mark.parametrize(("babble", "verdict", "source", "named", "speeds"), IN_VAIN)
+async def test_what_came_back_is_said(
+    babble: bytes, verdict: str, source: str, named: dict[str, Any], speeds: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device, due = make_rig("rplidar").device, list[bytes]()
     device.receive = lambda data, now: due.append(babble)
     device.transmit = lambda now: due.pop() if due else b""
@@ -113,19 +121,10 @@ async def test_what_came_back_is_said(babble: bytes, verdict: str, monkeypatch: 
 
     monkeypatch.setattr("lidario.session.finding.connect.open_serial", open_babbler)
     with pytest.raises(ConnectFailed, match=verdict) as caught:
-        await open_lidar("/dev/babbler")
-    assert "1000000, 512000, 230400, 115200, 256000, 128000, 460800 or 153600 baud" in str(caught.value)
+        await open_lidar(source, **named)
+    assert f" at {speeds} baud" in str(caught.value)
     assert "powered" in str(caught.value)
     assert caught.value.reason == "silent"
-    # What is named, by either way, is all that is asked.
-    for source, family, baudrate, speed in (
-        ("/dev/babbler", None, 256_000, 256_000),
-        ("serial:///dev/babbler?baud=256000", None, None, 256_000),
-        ("/dev/babbler", "neato", None, 115_200),
-        ("serial:///dev/babbler?family=neato", None, None, 115_200),
-    ):
-        with pytest.raises(ConnectFailed, match=f" at {speed} baud"):
-            await open_lidar(source, family=family, baudrate=baudrate)
 
 
 def test_the_received_is_bounded() -> None:

@@ -4,7 +4,7 @@ import asyncio
 import gc
 import time
 import weakref
-from contextlib import closing, suppress
+from contextlib import closing
 from itertools import count
 from unittest.mock import patch
 
@@ -17,6 +17,7 @@ from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
 from tests.support.devices import Rig, both_families, left_still, make_rig, names
 from tests.support.loop import DrivenLoop, driven_loop
+from tests.support.times import cancelled
 
 
 @both_families
@@ -62,8 +63,9 @@ async def test_who_keeps_the_error_of_a_cancelled_setting_keeps_no_stream(rig: R
         await asyncio.sleep(0.05)
         assert not setting.done()
         setting.cancel()
-        error = (await asyncio.gather(setting, return_exceptions=True))[0]
-        assert isinstance(error, asyncio.CancelledError)
+        with pytest.raises(asyncio.CancelledError) as kept:
+            await setting
+        assert kept.value.__traceback__ is not None
         await asyncio.sleep(2.0)
         assert not lidar.is_scanning
         assert left_still(rig)
@@ -98,12 +100,8 @@ async def test_a_session_that_is_let_go_in_the_midst_of_a_start_leaves_no_task(r
         lidar = await rig.open()
         async with lidar.scans() as scans:
             await anext(scans)
-        again = asyncio.ensure_future(lidar.scan())
-        await asyncio.sleep(0)
-        again.cancel()
-        with suppress(asyncio.CancelledError):
-            await again
-        del lidar, scans, again
+        await cancelled(lidar.scan())
+        del lidar, scans
         gc.collect()
         await asyncio.sleep(1.0)
     assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []

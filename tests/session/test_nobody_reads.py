@@ -32,6 +32,8 @@ CALLS = (
     *("set_scan_frequency", "get_zero_offset", "set_zero_offset", "set_power_down_protection"),
     *("get_network_address", "set_network_address", "set_baudrate", "reset", "scan", "stop"),
 )
+TURNED_BY = {"reset": "rplidar-a1"}
+"""The motor of an A1 hangs on DTR, which a reset does not touch."""
 
 
 @pytest.mark.parametrize("rig", TURN_UNASKED, indirect=True)
@@ -64,14 +66,6 @@ async def test_nothing_is_written_amid_a_restart_that_takes_longer() -> None:
         assert set(names(rig)[began + 1 :]) <= {"stop", "get_info", "get_health"}
         await asyncio.sleep(0.1)
         assert not rig.device.motor_on
-
-
-@pytest.mark.parametrize("kept", [True, False])
-async def test_a_motor_that_shall_go_on_goes_on(kept: bool) -> None:
-    rig = make_rig("rplidar-a1")
-    async with rig.open(keep_spinning=kept):
-        await asyncio.sleep(2 * LINGER_S)
-        assert rig.device.motor_on is kept
 
 
 MOMENTS_S = (0.5, 0.05, 0.02, 0.01, 0.002, 0.0)
@@ -138,7 +132,7 @@ async def _called(lidar: Lidar, name: str) -> None:
 @pytest.mark.exhaustive("points", sample=[3], full=[20])
 @pytest.mark.exhaustive(
     "what",
-    sample=[(name, STOPPED[number % len(STOPPED)]) for number, name in enumerate(CALLS)],
+    sample=[(name, TURNED_BY.get(name, STOPPED[number % len(STOPPED)])) for number, name in enumerate(CALLS)],
     full=[(name, kind) for name in CALLS for kind in STOPPED],
 )
 def test_what_is_cancelled_at_any_step_leaves_the_motor_off(what: tuple[str, str], points: int) -> None:

@@ -92,28 +92,23 @@ def refused_elsewhere(calls: Iterable[Callable[[], Awaitable[Any]]]) -> list[str
 async def test_a_session_that_another_thread_uses(rig: Rig) -> None:
     """Refused with the way to do it; the session is not harmed."""
     async with rig.read() as (lidar, stream):
-        refused = refused_elsewhere(partial(each, lidar) for each in REFUSED_ELSEWHERE)
-        assert len(refused) == len(REFUSED_ELSEWHERE)
-        assert all("run_coroutine_threadsafe" in text for text in refused)
-        async with asyncio.timeout(PATIENCE_S):
-            await anext(stream)
-
-
-async def test_a_stream_that_a_loop_of_another_thread_leaves_goes_on(rig: Rig) -> None:
-    async with rig.read() as (lidar, stream):
         changes, clouds = lidar.line_changes(), merged(lidar, mounts=[Mount()])
         await anext(clouds)
 
         async def release() -> None:
             stream.release()
 
-        calls = (
+        of_streams = (
             stream.aclose, release, lambda: anext(stream), lambda: anext(changes), clouds.close,
             lambda: anext(clouds),
         )  # fmt: skip
-        refused = refused_elsewhere(calls)
-        assert len(refused) == len(calls)
-        assert all("another event loop" in text for text in refused)
+        for calls, says in (
+            ([partial(each, lidar) for each in REFUSED_ELSEWHERE], "run_coroutine_threadsafe"),
+            (of_streams, "another event loop"),
+        ):
+            refused = refused_elsewhere(calls)
+            assert len(refused) == len(calls)
+            assert all(says in text for text in refused)
         async with asyncio.timeout(PATIENCE_S):
             await anext(stream)
             await anext(clouds)

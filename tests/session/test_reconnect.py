@@ -22,10 +22,17 @@ MODES = {"rplidar": "Standard", "ydlidar": None}
 
 
 async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
+    seen = list[str]()
+
+    def tap(direction: str, data: bytes, now: int) -> None:
+        seen.append(direction)
+
     async with on_a_cable(rig) as (cable, lidar):
+        lidar.tap(tap)
         async with lidar.scans(MODES[rig.family]) as stream:
             last = (await some(stream, 3))[-1]
             cable.pull()
+            seen.clear()
             pulled = now()
             await asyncio.sleep(3.0)
             assert (lidar.is_connected, lidar.is_scanning, lidar.stats.reconnects) == (False, True, 0)
@@ -33,7 +40,11 @@ async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:
             responds = now() + rig.device.boot_s
             first = await next_after(stream, pulled)
             assert now() <= responds + PROMISE_S
+            assert {"in", "out"} <= set(seen)
+            lidar.untap(tap)
+            seen.clear()
             second = await anext(stream)
+            assert not seen
             assert (lidar.is_connected, lidar.stats.reconnects) == (True, 1)
             assert_stats_close(lidar.stats)
         assert first.mode == last.mode
@@ -200,26 +211,6 @@ async def test_another_lidar_on_its_port_is_not_taken_for_it(rig: Rig, caplog: p
             await next_after(stream, now())
             assert lidar.info.serial == serial
     assert is_off(other.device)
-
-
-async def test_taps_see_the_new_line() -> None:
-    seen: list[str] = []
-
-    def tap(direction: str, data: bytes, now: int) -> None:
-        seen.append(direction)
-
-    async with on_a_cable("rplidar") as (cable, lidar):
-        lidar.tap(tap)
-        async with scanning(lidar) as stream:
-            cable.pull()
-            seen.clear()
-            cable.plug()
-            await next_after(stream, now())
-            assert {"in", "out"} <= set(seen)
-            lidar.untap(tap)
-            seen.clear()
-            await anext(stream)
-            assert not seen
 
 
 async def test_a_program_that_blocks_its_loop_meanwhile(rig: Rig) -> None:

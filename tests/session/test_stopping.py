@@ -2,37 +2,29 @@
 
 import asyncio
 import gc
-from collections.abc import Awaitable
-from contextlib import suppress
+from collections.abc import Awaitable, Callable
+from contextlib import nullcontext, suppress
 from itertools import count
 
 import pytest
 
-from lidario import InvalidValue, LidarError, LocalProtocolError, Unsupported
-from tests.support.devices import FAMILIES, SWITCHED, Rig, both_families, left_still, make_rig, names, some, take
+from lidario import InvalidValue, Lidar, LidarError, LocalProtocolError, Unsupported
+from tests.session.test_unasked import SOME as TALKERS
+from tests.support.devices import (
+    FAMILIES,
+    SWITCHED,
+    Rig,
+    both_families,
+    left_still,
+    make_rig,
+    names,
+    scanning,
+    some,
+    take,
+)
 from tests.support.samples import long_but_some
 
-MOMENTS_S = [n * 1e-3 for n in range(0, 60, 4)]
-
-
-@both_families
-@pytest.mark.parametrize("known", [False, True], ids=["modes asked now", "modes known"])
-async def test_stop_while_a_stream_is_started(family: str, known: bool) -> None:
-    for moment in MOMENTS_S:
-        rig = make_rig(family)
-        async with rig.open(keep_spinning=False) as lidar:
-            if known:
-                await lidar.get_modes()
-            reading = asyncio.ensure_future(lidar.scans().__anext__())
-            await asyncio.sleep(moment)
-            stopped = asyncio.ensure_future(lidar.stop())
-            await asyncio.sleep(0.2)
-            assert stopped.done(), moment
-            assert reading.done(), f"stopped after {moment} s, and the reader still waits"
-            assert isinstance(reading.exception(), StopAsyncIteration)
-            await asyncio.sleep(6.0)
-            assert left_still(rig), (moment, names(rig)[-4:])
-            assert not lidar.is_scanning
+Call = Callable[[Lidar], Awaitable[object]]
 
 
 @pytest.mark.long
@@ -100,26 +92,49 @@ async def test_single_scans_in_a_row_do_not_restart_the_rotor(rig: Rig) -> None:
         scans = [await lidar.scan() for _ in range(5)]
         assert [scan.seq for scan in scans] == [0, 1, 2, 3, 4]
         assert sum("scan" in name for name in names(rig)) == 1
+        before = names(rig)
         await lidar.get_health()
         assert lidar.stats.interruptions == 1
         await asyncio.sleep(2.0)
+        # No stream was begun again behind the question: nobody reads.
+        assert "get_health" in names(rig)[len(before) :]
+        assert not any("scan" in name for name in names(rig)[len(before) :])
         assert left_still(rig)
 
 
-async def test_a_question_without_a_request_interrupts_nothing(rig: Rig) -> None:
-    async with rig.read() as (lidar, stream):
+def set_speed(hertz: float) -> Call:
+    return lambda lidar: lidar.set_scan_frequency(hertz)
+
+
+SPEEDS: list[Call] = [Lidar.get_scan_frequency, set_speed(8.0)]
+IN_MID_SCAN: list[tuple[str, type[LidarError] | None, list[Call]]] = [
+    ("ydlidar", None, [Lidar.get_scan_frequency_range, lambda lidar: lidar.set_zero_offset(False)]),
+    ("ydlidar", InvalidValue, [set_speed(float("nan")), set_speed(4.9)]),
+    ("ydlidar", Unsupported, [Lidar.get_sample_rate]),
+    (
+        "rplidar",
+        Unsupported,
+        [
+            Lidar.get_zero_offset,
+            lambda lidar: lidar.set_zero_offset(True),
+            lambda lidar: lidar.set_power_down_protection(True),
+        ],
+    ),
+    *((model, Unsupported, SPEEDS) for model in SWITCHED),
+    *((model, Unsupported, [*SPEEDS, Lidar.reset, Lidar.get_sample_rate]) for model in TALKERS),
+]
+"""The model, with what its calls are refused, and the calls; none of them needs a request."""
+
+
+@pytest.mark.parametrize(("rig", "refused", "calls"), IN_MID_SCAN, indirect=["rig"])
+async def test_what_needs_no_request_interrupts_nothing(
+    rig: Rig, refused: type[LidarError] | None, calls: list[Call]
+) -> None:
+    async with rig.open(keep_spinning=Lidar.reset in calls) as lidar, scanning(lidar, depth=9) as stream:
         heard = len(rig.device.log)
-        refused: list[Awaitable[object]]
-        if rig.family == "ydlidar":
-            await lidar.get_scan_frequency_range()
-            await lidar.set_zero_offset(False)
-            refused = [lidar.set_scan_frequency(each) for each in (float("nan"), 4.9)]
-            refused.append(lidar.get_sample_rate())
-        else:
-            refused = [lidar.get_zero_offset(), lidar.set_zero_offset(True), lidar.set_power_down_protection(True)]
-        for each in refused:
-            with pytest.raises((InvalidValue, Unsupported) if rig.family == "ydlidar" else Unsupported):
-                await each
+        for each in calls:
+            with pytest.raises(refused) if refused else nullcontext():
+                await each(lidar)
         assert lidar.stats.interruptions == 0
         assert len(rig.device.log) == heard
         assert (await anext(stream)).seq == 1

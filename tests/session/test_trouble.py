@@ -10,7 +10,7 @@ from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
-from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, scanning, take
+from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, scanning
 from tests.support.loop import driven_loop, now_ns
 
 
@@ -141,14 +141,3 @@ async def test_bytes_that_a_full_port_dropped_are_told(rig: Rig) -> None:
     assert after.discarded_bytes == 5100
     ordinary = 3 * (before.bytes_received // max(before.scans, 1))
     assert 5100 < after.bytes_received - before.bytes_received < 5100 + ordinary
-
-
-async def test_the_speed_that_a_device_reports_reaches_the_user(ydlidar: Rig, rplidar: Rig) -> None:
-    async with ydlidar.open() as lidar:
-        assert (await lidar.scan()).reported_rpm == 420.0
-        await lidar.set_scan_frequency(10.3)
-        scans = await take(lidar, 3)
-        assert scans[-1].reported_rpm == pytest.approx(618.0)
-        assert scans[-1].sorted().reported_rpm == scans[-1].reported_rpm
-    async with rplidar.open() as lidar:
-        assert np.isnan((await lidar.scan()).reported_rpm)

@@ -7,7 +7,7 @@ import pytest
 from lidario import Health, Lidar, SessionClosed
 from lidario.session.talking.waiting import Awaited, Waiting
 from tests.support.devices import Rig, left_still, names, take
-from tests.support.loop import now
+from tests.support.times import takes
 
 AT_ONCE_S = 1e-6
 
@@ -18,12 +18,11 @@ async def test_close_ends_also_those_who_wait_for_their_turn(rig: Rig) -> None:
         asked = [asyncio.ensure_future(call()) for call in (lidar.get_health, lidar.get_info, lidar.reset)]
         await asyncio.sleep(0.02)
         heard = len(rig.device.log)
-        began = now()
         closing = asyncio.ensure_future(lidar.close())
-        for each in asked:
-            with pytest.raises(SessionClosed):
-                await each
-        assert now() - began < AT_ONCE_S
+        with takes(AT_ONCE_S):
+            for each in asked:
+                with pytest.raises(SessionClosed):
+                    await each
         await closing
     assert not {"get_info", "reset"} & {each.name for each in rig.device.log[heard:]}
 
@@ -43,21 +42,19 @@ async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_
     async with rig.open() as lidar:
         asked = await ask(rig, lidar)
         asked.cancel()
-        began = now()
-        await lidar.get_info()
         # It is asked twice, since responses carry no checksum.
-        assert 0.059 < now() - began < 0.07
+        with takes(0.07, more_than_s=0.059):
+            await lidar.get_info()
 
 
 async def test_behind_a_response_the_stop_requests_follow_at_once(rplidar: Rig) -> None:
     async with rplidar.read() as (lidar, _):
         asked = await ask(rplidar, lidar)
         assert rplidar.device.motor_on
-        began = now()
         stopping = asyncio.ensure_future(lidar.stop())
-        while rplidar.device.motor_on:
-            await asyncio.sleep(0.0001)
-        assert 0.019 < now() - began < 0.025
+        with takes(0.025, more_than_s=0.019):
+            while rplidar.device.motor_on:
+                await asyncio.sleep(0.0001)
         await asyncio.gather(stopping, asked)
 
 
