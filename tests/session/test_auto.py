@@ -17,9 +17,10 @@ from lidario.session.finding.asking import Attempt, Woken, find_by_dtr
 from lidario.session.finding.connect import connect
 from lidario.sim.line import TransmitQueue
 from lidario.source import parse_source
-from tests.support.devices import left_still, make_rig
+from tests.support.devices import hears_only, left_still, make_rig
 from tests.support.loop import now, now_ns
 from tests.support.speeds import plugged_in, serial_in_memory
+from tests.support.times import takes
 
 ONE_OF_EACH: dict[str, tuple[float, int]] = {  # seconds, bytes written
     "rplidar-s2": (0.3, 30),
@@ -125,9 +126,9 @@ async def test_one_that_needs_time_is_found_soon_and_left_still(
         rig.device.reboot(now_ns(), off_s=before)
     else:
         rig.device.receive(before, now_ns())
-    began = now()
-    async with open_lidar(source) as lidar:
-        assert now() - began < longest
+    with takes(longest):
+        lidar = await open_lidar(source)
+    async with lidar:
         assert lidar.info.family == rig.family
         assert (await lidar.get_health()).ok
         await asyncio.sleep(1.0)
@@ -138,13 +139,12 @@ async def test_one_that_needs_time_is_found_soon_and_left_still(
 @pytest.mark.long
 async def test_all_of_them_together(monkeypatch: pytest.MonkeyPatch) -> None:
     plugged_in(monkeypatch, **{model: make_rig(model).device for model in ONE_OF_EACH})
-    began = now()
-    found = await list_lidars()
+    # As long as the slowest of them alone.
+    with takes(max(seconds for seconds, _ in ONE_OF_EACH.values())):
+        found = await list_lidars()
     assert [each.info.family if each.info else "" for each in found] == [
         model.partition("-")[0] for model in ONE_OF_EACH
     ]
-    # As long as the slowest of them alone.
-    assert now() - began < max(seconds for seconds, _ in ONE_OF_EACH.values())
 
 
 @pytest.mark.long
@@ -228,15 +228,9 @@ async def test_behind_a_search_by_dtr_that_finds_none_what_dtr_lights_is_dark_ag
 
 async def test_one_that_holds_half_a_request_is_asked_until_it_has_forgotten_that() -> None:
     """`Timing.forget_s` tells how long that may take; nothing is known of the device, so each is asked so long."""
-    device = make_rig("rplidar-s2").device
-    hear, forgets_at = device.receive, now() + 4.5
-
-    def receive(data: bytes, at_ns: int) -> None:
-        if now() >= forgets_at:
-            hear(data, at_ns)
-
-    device.receive = receive
-    async with open_lidar(device) as lidar:
+    rig, forgets_at = make_rig("rplidar-s2"), now() + 4.5
+    hears_only(rig, lambda _: now() >= forgets_at)
+    async with open_lidar(rig.device) as lidar:
         assert lidar.info.family == "rplidar"
     assert now() >= forgets_at
 

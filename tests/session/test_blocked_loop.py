@@ -8,19 +8,16 @@ from itertools import pairwise
 
 import pytest
 
-from lidario.scan import Scan
-from tests.support.devices import Rig
+from lidario import Lidar, Scan, ScanStream
+from tests.support.devices import Rig, some
 from tests.support.loop import driven_loop, now_ns
 
 
 @pytest.mark.parametrize("block_s", [0.2, 0.8, 3.0])
 async def test_revolutions_that_come_late_and_whole_are_delivered(rig: Rig, block_s: float) -> None:
     loop = driven_loop()
-    scans: list[Scan] = []
-    async with rig.open() as lidar:
-        stream = lidar.scans(depth=100)
-        while len(scans) < 2:
-            scans.append(await anext(stream))
+    async with rig.open() as lidar, lidar.scans(depth=100) as stream:
+        scans = await some(stream, 2)
         for _ in range(3):
             loop.block(block_s)
             unblocked = loop.time()
@@ -34,17 +31,22 @@ async def test_revolutions_that_come_late_and_whole_are_delivered(rig: Rig, bloc
         assert (other.stamp_ns - one.stamp_ns) * 1e-9 == pytest.approx(rig.turn_s, rel=0.1)
 
 
+async def blocked_as_it_begins(rig: Rig, lidar: Lidar, stream: ScanStream, seconds: float) -> asyncio.Future[Scan]:
+    """Begin to read; the program blocks its loop as soon as the device has heard that it is to scan."""
+    await lidar.get_modes()
+    reading = asyncio.ensure_future(anext(stream))
+    while "scan" not in rig.device.log[-1].name:
+        await asyncio.sleep(0.0001)
+    driven_loop().block(seconds)
+    return reading
+
+
 @pytest.mark.parametrize("received", [False, True])
 @pytest.mark.parametrize("block_s", [0.05, 0.6])
 async def test_a_stream_stopped_as_it_began_leaves_nothing(rig: Rig, block_s: float, received: bool) -> None:
     """Descriptor and packets, also of whole revolutions, are read at once behind the stop, or just before it."""
-    loop = driven_loop()
     async with rig.open() as lidar:
-        await lidar.get_modes()
-        reading = asyncio.ensure_future(anext(lidar.scans()))
-        while "scan" not in rig.device.log[-1].name:
-            await asyncio.sleep(0.0001)
-        loop.block(block_s)
+        reading = await blocked_as_it_begins(rig, lidar, lidar.scans(), block_s)
         for _ in range(1 + received):
             await asyncio.sleep(0)  # so that `stop` and what was received come before the start can end
         await lidar.stop()
@@ -59,16 +61,10 @@ async def test_a_stream_stopped_as_it_began_leaves_nothing(rig: Rig, block_s: fl
 
 async def test_what_was_read_together_with_the_descriptor_is_delivered(rig: Rig) -> None:
     """Three revolutions and more, too many bytes to be parsed in one step."""
-    loop = driven_loop()
-    async with rig.open() as lidar:
-        await lidar.get_modes()
-        async with lidar.scans(depth=16) as stream:
-            reading = asyncio.ensure_future(anext(stream))
-            while "scan" not in rig.device.log[-1].name:
-                await asyncio.sleep(0.0001)
-            loop.block(0.6)
-            read_ns = now_ns()
-            first = await reading
-            assert first.stamp_ns < read_ns - 300_000_000
-            assert [(await anext(stream)).seq for _ in range(3)] == [1, 2, 3]
-            assert lidar.stats.lost_packets == 0
+    async with rig.open() as lidar, lidar.scans(depth=16) as stream:
+        reading = await blocked_as_it_begins(rig, lidar, stream, 0.6)
+        read_ns = now_ns()
+        first = await reading
+        assert first.stamp_ns < read_ns - 300_000_000
+        assert [(await anext(stream)).seq for _ in range(3)] == [1, 2, 3]
+        assert lidar.stats.lost_packets == 0

@@ -9,6 +9,7 @@ import gc
 import sys
 from collections.abc import Callable, Coroutine
 from contextlib import closing, suppress
+from itertools import count
 from typing import Any
 
 import pytest
@@ -51,14 +52,13 @@ def test_ctrl_c_at_every_line_of_close(family: str, stride: int, monkeypatch: py
         with no_collection(), ctrl_c:
             await lidar.close()
 
-    line, cut = 0, True
-    while cut:
+    for line in count(0, stride):
         rig, ctrl_c = make_rig(family), CtrlC(line, "/lidario/session/")
         run(main, monkeypatch)
-        cut = bool(ctrl_c.place)
         assert left_still(rig), (line, names(rig)[-4:])
-        line += stride
-    assert line > 30
+        if not ctrl_c.place:
+            break
+    assert line + stride > 30
 
 
 @pytest.mark.long
@@ -76,14 +76,14 @@ def test_ctrl_c_at_every_line_of_opening(
         await lidar.close()
 
     way, stride = ending
-    line, cut, moving = stride // 2, True, []
-    while cut:
+    moving = []
+    for line in count(stride // 2, stride):
         rig, ctrl_c = make_rig(family), CtrlC(line, "/lidario/session/", "/lidario/port/")
         run(main, monkeypatch, orderly=way == "orderly")
-        cut = bool(ctrl_c.place)
+        if not ctrl_c.place:
+            break
         # Before anything was written, the device goes on as the program found it.
-        if cut and rig.device.log and not left_still(rig):
+        if rig.device.log and not left_still(rig):
             moving.append((line, ctrl_c.place, names(rig)[-4:]))
-        line += stride
-    assert line > 300
+    assert line + stride > 300
     assert not moving, moving

@@ -4,8 +4,6 @@ Silence behind a STOP proves nothing there. A question does that is answered whi
 """
 
 import asyncio
-import time
-from collections.abc import Callable
 from itertools import product
 from typing import Any
 
@@ -13,7 +11,7 @@ import pytest
 
 from lidario import StreamFailed, open_lidar
 from lidario.sim.serve import PtyServer, TcpServer
-from tests.support.devices import Rig, is_off, left_still, make_rig, names
+from tests.support.devices import Rig, in_turns, is_off, left_still, make_rig, names
 from tests.support.loop import now
 from tests.support.times import takes
 
@@ -23,17 +21,17 @@ MODELS = ("rplidar-s2", "rplidar-a1", "rplidar-a2", "ydlidar-4ros", "hokuyo-urg0
 LOSES = {"all": (True, True), "requests": (True, False), "responses": (False, True)}
 
 
-def cut(device: Any, clock: Callable[[], float], seconds: float, *, requests: bool, responses: bool) -> None:
+def cut(device: Any, seconds: float, *, requests: bool, responses: bool) -> None:
     """From now on the line to the device loses what goes this way, or that, for so many seconds."""
-    hear, send, ends = device.receive, device.transmit, clock() + seconds
+    hear, send, ends = device.receive, device.transmit, now() + seconds
 
     def receive(data: bytes, at_ns: int) -> None:
-        if not (requests and clock() < ends):
+        if not (requests and now() < ends):
             hear(data, at_ns)
 
     def transmit(at_ns: int) -> bytes:
         sent = send(at_ns)
-        return b"" if responses and clock() < ends else sent
+        return b"" if responses and now() < ends else sent
 
     device.receive, device.transmit = receive, transmit
 
@@ -43,7 +41,7 @@ def cut(device: Any, clock: Callable[[], float], seconds: float, *, requests: bo
 async def test_one_is_still_whose_line_is_dead_when_it_is_closed(rig: Rig, loses: str, outage_s: float) -> None:
     requests, responses = LOSES[loses]
     async with rig.read() as (lidar, _):
-        cut(rig.device, now, outage_s, requests=requests, responses=responses)
+        cut(rig.device, outage_s, requests=requests, responses=responses)
         with takes(outage_s + 1.0):
             await lidar.close()
     assert left_still(rig), names(rig)[-6:]
@@ -57,7 +55,7 @@ async def test_one_that_is_left_while_its_line_is_dead_is_stopped_behind_that(ri
         for _ in range(2):
             stream = lidar.scans()
             await anext(stream)
-            cut(rig.device, now, 0.5 if responses else 0.3, requests=requests, responses=responses)
+            cut(rig.device, 0.5 if responses else 0.3, requests=requests, responses=responses)
             await stream.aclose()
             await asyncio.sleep(0.5 if responses else 0.3)
             assert rig.device.scanning
@@ -68,25 +66,39 @@ async def test_one_that_is_left_while_its_line_is_dead_is_stopped_behind_that(ri
 async def test_the_motor_is_told_again_where_only_a_later_request_was_heard(rig: Rig) -> None:
     """One that is for the laser alone."""
     async with rig.read() as (lidar, _):
-        cut(rig.device, now, 0.25, requests=True, responses=False)
+        cut(rig.device, 0.25, requests=True, responses=False)
         await lidar.stop()
         assert left_still(rig), names(rig)[-6:]
 
 
 @pytest.mark.long
 @pytest.mark.real_time
-@pytest.mark.parametrize("server", [PtyServer, TcpServer])
-@pytest.mark.parametrize("model", ["rplidar-s2", "rplidar-a1", "ydlidar-4ros", "hokuyo-urg04lx"])
-@pytest.mark.parametrize("outage_s", [0.2, 0.5, 1.0])
-async def test_one_at_a_real_line_too(server: Any, model: str, outage_s: float) -> None:
+@pytest.mark.parametrize(
+    ("server", "lost", "model"),
+    in_turns((PtyServer, TcpServer), (2, 4, 8), ("rplidar-s2", "rplidar-a1", "ydlidar-4ros", "hokuyo-urg04lx")),
+)
+async def test_one_at_a_real_line_too(server: Any, lost: int, model: str) -> None:
+    """It loses so many writes of the program, and what the device sends meanwhile, however long that takes."""
     rig = make_rig(model)
-    device = rig.device
+    device, left = rig.device, lost
+    hear, send = device.receive, device.transmit
+
+    def receive(data: bytes, at_ns: int) -> None:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            hear(data, at_ns)
+
+    def transmit(at_ns: int) -> bytes:
+        sent: bytes = send(at_ns)
+        return sent if left <= 0 else b""
+
     with server(device) as served:
         way = f"serial://{served.path}" if server is PtyServer else "tcp://{}:{}".format(*served.address)
         async with open_lidar(way, family=rig.family) as lidar:
             await anext(lidar.scans())
             with served.lock:
-                cut(device, time.monotonic, outage_s, requests=True, responses=True)
+                device.receive, device.transmit = receive, transmit
         await asyncio.sleep(0.1)  # what was written last has arrived
         with served.lock:
             # A pseudo-terminal has no DTR.
@@ -99,13 +111,13 @@ async def test_one_that_takes_its_time_is_not_mistaken_for_one_that_heard(rplida
     """Its response comes when it was told to stop again already, and that it has discarded."""
     async with rplidar.read():
         rplidar.device.response_delay_s = delay_s
-        cut(rplidar.device, now, 0.06, requests=True, responses=True)
+        cut(rplidar.device, 0.06, requests=True, responses=True)
 
 
 async def test_closing_that_is_cancelled_or_done_twice_goes_on_all_the_same(rig: Rig) -> None:
     lidar = await rig.open()
     await anext(lidar.scans())
-    cut(rig.device, now, 0.5, requests=True, responses=True)
+    cut(rig.device, 0.5, requests=True, responses=True)
     closing = [asyncio.ensure_future(lidar.close()) for _ in range(2)]
     for _ in range(3):
         await asyncio.sleep(0.1)
@@ -119,7 +131,7 @@ async def test_it_is_told_where_nothing_comes_any_more(caplog: pytest.LogCapture
     """By both, and the second one does not wait as long again."""
     rig = make_rig("rplidar")
     async with rig.read() as (lidar, _):
-        cut(rig.device, now, 60.0, requests=True, responses=True)
+        cut(rig.device, 60.0, requests=True, responses=True)
         with takes(2.3, more_than_s=2.0), pytest.raises(StreamFailed, match="it does not respond any more"):
             await lidar.stop()
         caplog.clear()

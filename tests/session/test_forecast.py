@@ -50,6 +50,8 @@ def turning(
 
 def test_before_the_first_scan_nothing_is_known() -> None:
     assert forecast().due == 0
+    # The line is taken to be full.
+    assert forecast().buffer_s * 100_000 == pytest.approx(BUFFER_BYTES)
     unknown = forecast()
     unknown.turned(SCAN, TURN_BYTES, 0.1)
     assert unknown.due == 0
@@ -161,10 +163,6 @@ def test_the_buffer_never_fills_while_a_port_is_unread(size: int, scans: int) ->
     # Nothing is faster than the line.
     bytes_a_second = min(size / 0.1, 100_000)
     assert even.buffer_s == pytest.approx(min(BUFFER_BYTES / bytes_a_second, 0.25))
-
-
-def test_before_the_first_scan_the_line_is_taken_to_be_full() -> None:
-    assert forecast().buffer_s * 100_000 == pytest.approx(BUFFER_BYTES)
 
 
 def test_the_bytes_of_many_revolutions_at_once_do_not_look_like_a_faster_line() -> None:

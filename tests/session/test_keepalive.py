@@ -12,6 +12,7 @@ from lidario.sim.serve import TcpServer
 from tests.support.devices import Rig, names, scanning, some, take
 from tests.support.loop import driven_loop, now, now_ns
 from tests.support.ports import PATIENCE_S, on_both_loops
+from tests.support.times import begun
 
 MINUTE_S = 60.0
 INTERVAL_S = 0.4
@@ -26,13 +27,11 @@ def pauses(rig: Rig) -> list[float]:
 
 
 async def scan_for(lidar: Lidar, seconds: float) -> int:
-    end = now() + seconds
-    count = 0
+    end, count = now() + seconds, 0
     async with lidar.scans(depth=64) as stream:
-        async for _ in stream:
+        while now() <= end:
+            await anext(stream)
             count += 1
-            if now() > end:
-                break
     return count
 
 
@@ -192,13 +191,11 @@ async def test_an_unconfirmed_toggle_is_checked_before_the_next_stream(ydlidar: 
     async with ydlidar.open() as lidar:
         await lidar.set_power_down_protection(not on)
         async with scanning(lidar) as stream:
-            setting = asyncio.ensure_future(lidar.set_power_down_protection(on))
-            for _ in range(steps):
-                await asyncio.sleep(0)
+            setting = await begun(lidar.set_power_down_protection(on), steps)
             setting.cancel()
             await asyncio.wait([setting])
             before = names(ydlidar).count("scan")
-            await some(stream, 50)
+            await some(stream, 35)
         kept = names(ydlidar).count("scan") - before
         assert (kept > 10) is ydlidar.device.protected, (kept, ydlidar.device.protected)
         assert ydlidar.device.lapses == 0

@@ -11,7 +11,7 @@ from lidario.families.rplidar.device import RplidarDevice
 from lidario.session.finding.connect import connect
 from lidario.session.streaming.modes import does_not_fit
 from lidario.source import parse_source
-from tests.support.devices import Rig, make_rig, names
+from tests.support.devices import Rig, names, scanning
 
 
 @pytest.mark.parametrize("scanning", [False, True])
@@ -53,21 +53,18 @@ async def test_a_device_found_at_too_slow_a_speed_says_so(rplidar: Rig, monkeypa
 @pytest.mark.parametrize("rig", ["rplidar-c1"], indirect=True)
 async def test_a_mode_that_does_not_fit_is_refused_beside_one_that_does(rig: Rig) -> None:
     async with rig.open() as lidar:
-        assert len(await lidar.scan("Standard")) > 100
+        async with scanning(lidar, "Standard") as stream:
+            # The mode that runs decides, not the typical one.
+            with pytest.raises(InvalidValue, match="'Standard' sends 25000"):
+                await lidar.set_baudrate(115_200)
+            assert lidar.stats.interruptions == 0
+            assert len(await anext(stream)) > 100
         await lidar.stop()
         # The typical mode, which is asked for where none is, fits.
         await lidar.set_baudrate(115_200)
         with pytest.raises(Unsupported, match=r"'Standard' sends 25000 .* or choose 'DenseBoost'"):
             await lidar.scan("Standard")
         assert not (await lidar.scan()).lost_packets
-
-
-async def test_the_mode_that_runs_decides_not_the_typical_one() -> None:
-    async with make_rig("rplidar-c1").read("Standard") as (lidar, stream):
-        with pytest.raises(InvalidValue, match="'Standard' sends 25000"):
-            await lidar.set_baudrate(115_200)
-        assert lidar.stats.interruptions == 0
-        await anext(stream)
 
 
 MODELS = [(family.name, model) for family in FAMILIES for model in family.simulated]

@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-from lidario import ConnectFailed, Lidar, open_lidar
+from lidario import Lidar, open_lidar
 from tests.session.test_two_tasks import Scene, Work, ask_while_scanning, leave, stop
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import SWITCHED, Rig, both_families, is_off, leave_streaming, left_still, make_rig, names
 from tests.support.discards import all_obeyed
 from tests.support.loop import START, DrivenLoop, unless_unfinished
 from tests.support.simulated_rplidar import MOTOR_600
-from tests.support.speeds import serial_in_memory
+from tests.support.speeds import Written, serial_in_memory
 
 Interrupt = Callable[[DrivenLoop, "asyncio.Task[None]"], None]
 TIMES = 4
@@ -136,34 +136,25 @@ def test_ended_while_one_that_streams_is_opened(kind: str, monkeypatch: pytest.M
         assert left_still(rig), (at, names(rig)[-4:])
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("quick_collection")
-def test_ended_while_one_is_searched_that_was_started_and_does_not_respond(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search has started it by a question, and stops it when it ends, also where nothing can be awaited."""
-
-    def silent() -> Rig:
-        rig = make_rig("hlds")
-        transmit = rig.device.transmit
-
-        def lost(now: int) -> bytes:
-            transmit(now)
-            return b""
-
-        monkeypatch.setattr(rig.device, "transmit", lost)
-        return rig
-
-    def searched(rig: Rig, at: int, what: Interrupt) -> int:
-        monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar(rig.device))
-        return run_and_close(rig, nothing, at, what, monkeypatch, plain=True)
-
-    for at in range(2, 400, 8):
-        rig = silent()
-        with suppress(ConnectFailed):
-            searched(rig, at, interrupt)
-        assert left_still(rig) or not rig.device.log, (at, names(rig)[-4:])
-
-
 by_both = pytest.mark.parametrize("by_hand", [False, True])
+
+
+def search_until(
+    rig: Rig, heard: bytes, ends: Callable[[DrivenLoop], bool], by_hand: bool, monkeypatch: pytest.MonkeyPatch
+) -> Written:
+    """Search one that has heard this before, at every speed, and interrupt that; what was written."""
+    rig.device.receive(heard, round(START * 1e9))
+    assert rig.device.motor_on is (heard == MOTOR_600)
+    rig.device.log.clear()
+    written = serial_in_memory(monkeypatch, only=rig.device)
+    monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar("only"))
+
+    def end(loop: DrivenLoop, task: asyncio.Task[None]) -> None:
+        if ends(loop):
+            interrupt(loop, task)
+
+    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True, by_hand=by_hand)
+    return written
 
 
 @pytest.mark.usefixtures("quick_collection")
@@ -178,16 +169,12 @@ def test_ended_while_others_are_asked_and_one_was_started_before(
     """It runs at another speed, and what is asked just now is stopped at its own; or it is just being heard."""
     rig = make_rig(model)
     stop = bytes.fromhex("54A104000000004A") if model == "ldrobot-ld14p" else b"e"
-    rig.device.receive(stop, round(START * 1e9))
-    written = serial_in_memory(monkeypatch, only=rig.device)
-    monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar("only"))
 
-    def end(loop: DrivenLoop, task: asyncio.Task[None]) -> None:
+    def ends(loop: DrivenLoop) -> bool:
         rig.device.mute = loop.time() <= START + mute_s
-        if loop.time() > START + ended_after_s:
-            interrupt(loop, task)
+        return loop.time() > START + ended_after_s
 
-    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True, by_hand=by_hand)
+    written = search_until(rig, stop, ends, by_hand, monkeypatch)
     assert names(rig).count("start") > 0
     assert not rig.device.motor_on
     assert written.came_whole(stop)
@@ -198,17 +185,7 @@ def test_ended_while_others_are_asked_and_one_was_started_before(
 def test_ended_while_one_is_asked_whose_motor_was_left_on(by_hand: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is stopped at its own speed, also where others were started at another one before."""
     rig = make_rig("rplidar-c1")
-    rig.device.receive(MOTOR_600, round(START * 1e9))
-    assert rig.device.motor_on
-    rig.device.log.clear()
-    written = serial_in_memory(monkeypatch, only=rig.device)
-    monkeypatch.setattr(Rig, "open", lambda rig, **_: open_lidar("only"))
-
-    def end(loop: DrivenLoop, task: asyncio.Task[None]) -> None:
-        if rig.device.log:
-            interrupt(loop, task)
-
-    run_and_close(rig, nothing, 0, end, monkeypatch, plain=True, by_hand=by_hand)
+    written = search_until(rig, MOTOR_600, lambda _: bool(rig.device.log), by_hand, monkeypatch)
     assert left_still(rig), names(rig)
     assert 230_400 in {speed for speed, _ in written[-3:]}
 

@@ -19,6 +19,7 @@ from lidario import Lidar, LidarError, LocalProtocolError, StreamFailed
 from tests.support.cable import Cable, cable_to, on_a_cable
 from tests.support.devices import EVERY_FAMILY, Rig, end_of, left_still, make_rig, scanning, some
 from tests.support.loop import driven_loop, now
+from tests.support.times import begun, takes
 
 LONGEST_S = 40.0
 """No call takes longer: a speed that is not reached, behind a boot and a reconnection."""
@@ -135,8 +136,7 @@ async def test_none_is_left_where_a_session_is_closed_as_its_line_is_lost(turns:
         lidar = await cable.rig.open()
         asking = [asyncio.create_task(lidar.get_health()) for _ in range(4)]
         await asyncio.sleep(0)
-        reading = asyncio.create_task(lidar.scan())
-        await asyncio.sleep(0)
+        reading = await begun(lidar.scan())
         cable.pull()
         for _ in range(turns):
             await asyncio.sleep(0)
@@ -154,9 +154,7 @@ def cancel_all_others() -> None:
 async def test_no_reader_waits_for_ever_where_all_tasks_are_cancelled(rplidar: Rig, turns: int) -> None:
     async with rplidar.open() as lidar:
         stream = lidar.scans()
-        reading = asyncio.ensure_future(anext(stream))
-        for _ in range(1 + turns):
-            await asyncio.sleep(0)
+        reading = await begun(anext(stream), 1 + turns)
         cancel_all_others()
         with pytest.raises(asyncio.CancelledError):
             await reading
@@ -204,9 +202,8 @@ async def test_many_tasks_at_once(family: str, seed: int, *, reconnect: bool) ->
         await asyncio.sleep(4.0)
         assert not lidar.is_scanning
         assert program.pulled or left_still(rig)
-        began = loop.time()
-        await lidar.close()
-        assert loop.time() - began < LONGEST_CLOSE_S
+        with takes(LONGEST_CLOSE_S):
+            await lidar.close()
         assert program.pulled or left_still(rig)
     await asyncio.sleep(0)
     assert loop.timers == []

@@ -25,6 +25,7 @@ from lidario.session.streaming.modes import Wanted
 from lidario.session.talking.trouble import Trouble
 from tests.support.devices import Rig, left_still, take
 from tests.support.ports import PATIENCE_S
+from tests.support.times import begun, cancelled
 
 
 def test_open_lidar_is_neither_for_a_plain_with_nor_iterated() -> None:
@@ -48,10 +49,7 @@ async def test_one_opening_is_entered_by_one_block_at_a_time() -> None:
     both = await asyncio.gather(opening.__aenter__(), opening.__aenter__(), return_exceptions=True)
     assert [type(each).__name__ for each in both] == ["Lidar", "LocalProtocolError"]
     await opening.__aexit__(None, None, None)
-    task = asyncio.create_task(opening.__aenter__())
-    await asyncio.sleep(0)
-    task.cancel()
-    await asyncio.wait([task])
+    await cancelled(opening.__aenter__())
     async with opening as third:
         await third.scan()
 
@@ -201,8 +199,7 @@ async def test_a_publisher_is_run_and_a_fleet_is_read_by_one_task(of: str) -> No
             await (share.run() if of == "publisher" else anext(fleet))
 
         for _ in range(2):
-            first = asyncio.create_task(use())
-            await asyncio.sleep(0)
+            first = await begun(use())
             with pytest.raises(Busy, match=f"two tasks (run|read) one {of}: give each its own"):
                 async with asyncio.timeout(PATIENCE_S):
                     await use()

@@ -19,6 +19,7 @@ from tests.support.devices import EVERY_KIND, Rig, call, is_off, left_still, mak
 from tests.support.discards import all_obeyed
 from tests.support.loop import at_each, driven_loop, run_driven
 from tests.support.samples import long_but_some
+from tests.support.times import begun
 
 LINGER_S = 1.0
 """How long what nobody reads goes on."""
@@ -95,9 +96,7 @@ async def test_a_question_behind_a_stream_that_was_left_at_once_leaves_the_motor
     """It comes while the stop requests are about to be heard, and may wake the device."""
     for turn in range(1, 12):
         async with rig.open() as lidar:
-            reading = asyncio.ensure_future(take(lidar, 1))
-            for _ in range(turn):
-                await asyncio.sleep(0)
+            reading = await begun(take(lidar, 1), turn)
             reading.cancel()
             await lidar.get_info()
             await asyncio.wait([reading])
@@ -181,9 +180,7 @@ async def test_a_question_is_heard_although_another_task_stops_the_device_meanwh
                 await lidar.scan()
             elif before == "stopped":
                 await lidar.stop()
-            asking = asyncio.ensure_future(lidar.get_info())
-            for _ in range(turn):
-                await asyncio.sleep(0)
+            asking = await begun(lidar.get_info(), turn)
             late = asking.done()
             await lidar.stop()
             assert (await asking).family == rig.family

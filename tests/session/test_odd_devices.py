@@ -144,6 +144,7 @@ async def test_modes_with_holes_in_their_numbers_are_all_found() -> None:
     [
         ("rplidar-zero-us", "DenseBoost"),
         ("rplidar-no-modes", "Standard"),
+        ("rplidar-a2-empty-list", "Express"),
         ("rplidar-old-firmware", "Express"),
         ("rplidar-unknown-response", None),
         # Time stamps stand between its packets.
@@ -159,7 +160,10 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
         np.testing.assert_allclose(scans[-1].ranges, 2.0, atol=0.005)
         assert (lidar.stats.lost_packets, lidar.stats.skipped_bytes) == (0, 0)
         assert scans[-1].time_increment_ns == pytest.approx(scans[-1].duration_ns / len(scans[-1]), rel=0.02)
-        strange = [each for each in await lidar.get_modes() if each.response_type == 0x8E]
+        modes = await lidar.get_modes()
+        if model == "rplidar-a2-empty-list":
+            assert [(each.id, each.name) for each in modes] == [(0, "Standard"), (0, "Express")]
+        strange = [each for each in modes if each.response_type == 0x8E]
         if strange:
             with pytest.raises(Unsupported, match="0x8E"):
                 await lidar.scan(strange[0].name)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from lidario import LocalProtocolError, SessionClosed, Stats, Unsupported
-from lidario.port.port import Port
 from tests.support.devices import SWITCHED, Rig, end_of, is_off, left_still, make_rig, names, scanning, some, take
 from tests.support.loop import now, now_ns
 
@@ -223,20 +222,3 @@ async def test_a_session_that_is_let_go_behind_a_stream_that_failed_is_left_stil
     gc.collect()
     assert gone() is None
     await asyncio.sleep(2.0)
-
-
-async def test_when_close_returns_the_port_is_closed(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where its line takes a while for that."""
-    closed, lost = list[Port](), Port.connection_lost
-
-    def end(port: Port, error: Exception | None) -> None:
-        closed.append(port)
-        lost(port, error)
-
-    def later(port: Port, error: Exception | None) -> None:
-        asyncio.get_running_loop().call_later(0.2, end, port, error)
-
-    monkeypatch.setattr(Port, "connection_lost", later)
-    async with rig.open() as lidar:
-        await lidar.scan()
-    assert len(closed) == 1

@@ -15,6 +15,7 @@ from tests.support.devices import (
     SWITCHED,
     Rig,
     both_families,
+    hears_only,
     left_still,
     make_rig,
     names,
@@ -23,6 +24,7 @@ from tests.support.devices import (
     take,
 )
 from tests.support.samples import long_but_some
+from tests.support.times import begun
 
 Call = Callable[[Lidar], Awaitable[object]]
 
@@ -36,10 +38,7 @@ async def test_every_stop_is_followed_by_the_pause_it_demands(family: str, strid
         rig = make_rig(family)
         async with rig.open() as lidar:
             async with lidar.scans() as stream:
-                starting = asyncio.ensure_future(stream.__anext__())
-                for _ in range(steps):
-                    await asyncio.sleep(0)
-                starting.cancel()
+                (await begun(stream.__anext__(), steps)).cancel()
             assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0)
             assert await lidar.get_scan_frequency() == pytest.approx(9.0)
             assert (await take(lidar, 2))[-1].rpm == pytest.approx(540, rel=0.02)
@@ -62,15 +61,9 @@ async def test_the_stop_requests_are_written_three_times_and_no_more(rig: Rig) -
 @pytest.mark.parametrize(("lost", "more"), [(0, 0), (1, 0), (2, 0), (3, 0), (4, 6), (5, 0), (6, 0)])
 async def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int, more: int) -> None:
     """Or the question between them: then all are written again, and once more where it has a response."""
-    heard, written = rig.device.receive, count()
-
-    def receive(data: bytes, at_ns: int) -> None:
-        if next(written) != lost:
-            heard(data, at_ns)
-
-    async with rig.open() as lidar, lidar.scans() as stream:
-        await some(stream, 2)
-        rig.device.receive = receive
+    written = count()
+    async with rig.read():
+        hears_only(rig, lambda _: next(written) != lost)
     assert next(written) == 7 + more
     assert left_still(rig)
 
@@ -157,13 +150,10 @@ async def test_stop_in_every_state_and_twice_at_once(rig: Rig) -> None:
 
 async def test_a_stream_that_begins_while_a_stop_waits_for_a_question_is_not_stopped(rig: Rig) -> None:
     async with rig.open() as lidar:
-        question = asyncio.ensure_future(lidar.get_health())
-        await asyncio.sleep(0)
-        first = asyncio.ensure_future(anext(lidar.scans()))
-        await asyncio.sleep(0)
+        question = await begun(lidar.get_health())
+        first = await begun(lidar.scans().__anext__())
         assert not question.done()
-        stopped = asyncio.ensure_future(lidar.stop())
-        await asyncio.sleep(0)
+        stopped = await begun(lidar.stop())
         async with lidar.scans(depth=99) as stream:
             scans = await some(stream, 20)
         assert stopped.done()

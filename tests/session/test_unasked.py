@@ -1,8 +1,6 @@
 """Devices that only talk: opened without a word, read, left as they are; and a relative that hears requests."""
 
-import asyncio
 import math
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +16,7 @@ from lidario.families.ldrobot.simulated import SimulatedLdrobot
 from lidario.families.registry import FAMILIES, family_named
 from lidario.families.ydlidar.simulated.device import PROFILES as YDLIDAR
 from lidario.sim.chassis import maker
-from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, names, some, take
+from tests.support.devices import Rig, end_of, left_still, make_rig, names, some, take
 from tests.support.loop import now_ns
 from tests.support.samples import long_but_some
 from tests.support.speeds import serial_in_memory
@@ -217,19 +215,6 @@ async def test_a_slow_ld14p_is_told_from_an_ld14_by_the_speed_of_its_line(monkey
         assert lidar.info.model == "LDROBOT LD14P"
         assert len(await lidar.scan()) == pytest.approx(2300 / 6, abs=12)
     assert not device.motor_on
-
-
-@pytest.mark.parametrize("moment_s", [0.001, 0.02, 0.06, 0.15])
-@pytest.mark.parametrize("rig", ["hlds-lds01", "hlds-lds01-2016", "ldrobot-ld14p"], indirect=True)
-async def test_one_that_streams_is_stopped_where_its_opening_is_cancelled(rig: Rig, moment_s: float) -> None:
-    """Also before enough was heard of it to know what it is."""
-    leave_streaming(rig.device, now_ns())
-    with suppress(TimeoutError):
-        async with asyncio.timeout(moment_s), rig.open():
-            pass
-    # What was written last may still be under way.
-    await asyncio.sleep(0.01)
-    assert names(rig)
 
 
 class Blocked(SimulatedCamsense):

@@ -136,6 +136,17 @@ def left_still_at_the_end(rig: Rig) -> Iterator[Rig]:
     assert left_still(rig) or not rig.device.log, names(rig)[-6:]
 
 
+def hears_only(rig: Rig, hears: Callable[[bytes], bool]) -> None:
+    """From now on the device hears of what is written only that of which this is true."""
+    receive = rig.device.receive
+
+    def hear(data: bytes, now: int) -> None:
+        if hears(data):
+            receive(data, now)
+
+    rig.device.receive = hear
+
+
 def babble(device: Any) -> None:
     """From now on the device sends noise, whatever it is told: half of what a fast line carries."""
     random = np.random.default_rng(1)
