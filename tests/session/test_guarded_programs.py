@@ -148,22 +148,19 @@ def guarded(
         yield server, process, guard_of(process)
 
 
-@pytest.mark.parametrize("program", [SCAN + RUN, SCAN + UVLOOP, SYNC], ids=["asyncio", "uvloop", "sync"])
-def test_every_kind_of_program(program: str) -> None:
-    with guarded(HEAD + program) as (server, process, _):
-        killed(process, server)
-        assert list(holders(server.path)) == []
-
-
+PROGRAMS = {"asyncio": SCAN + RUN, "uvloop": SCAN + UVLOOP, "sync": SYNC}
 MOTORS = ["rplidar-a2", "rplidar-a2-no-board", "rplidar-c1", "ldrobot-ld14p", "ydlidar-x4", "rplidar-old-firmware"]
+KILLED = [*((program, "rplidar-s2") for program in PROGRAMS), ("asyncio", MOTORS[0])]
 
 
-@pytest.mark.exhaustive("model", sample=MOTORS[:1], full=MOTORS)
-def test_every_way_in_which_a_motor_is_driven(model: str) -> None:
+@pytest.mark.exhaustive("what", sample=KILLED, full=[*KILLED[:3], *(("asyncio", model) for model in MOTORS)])
+def test_every_kind_of_program_and_of_motor(what: tuple[str, str]) -> None:
     """An accessory board is found when the stream is started, and only then it is known what stops the motor."""
-    with guarded(model=model) as (server, process, _):
+    program, model = what
+    with guarded(HEAD + PROGRAMS[program], model) as (server, process, _):
         if model != "rplidar-a2-no-board":
             killed(process, server)
+            assert list(holders(server.path)) == []
         else:  # it always turns
             process.kill()
             until(lambda: not scans(server))

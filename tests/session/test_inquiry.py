@@ -93,6 +93,7 @@ async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypa
 
 
 async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(rig: Rig) -> None:
+    """The next opening, too."""
     rig.device.faults_cleared_by_reset = False
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: rig.device.protection_stop(CODE), DeviceFault)
@@ -102,6 +103,11 @@ async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_sta
             await lidar.scan()
         rig.device.faults_cleared_by_reset = True
         assert await lidar.scan()
+    rig.device.faults_cleared_by_reset = False
+    rig.device.protection_stop(0x21)
+    with pytest.raises(DeviceFault, match="33") as caught:
+        await rig.open()
+    assert caught.value.health.code == 0x21
 
 
 @pytest.mark.discards("a device in Protection Stop starts no stream, and does not say so")

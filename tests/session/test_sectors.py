@@ -95,16 +95,6 @@ async def test_a_question_interrupts_them_and_they_go_on(rig: Rig) -> None:
     assert stats.lost_packets == 0
 
 
-async def test_a_slow_reader_is_told() -> None:
-    async with make_rig("rplidar").open() as lidar, lidar.sectors(depth=2) as sectors:
-        await anext(sectors)
-        await asyncio.sleep(0.5)
-        sector = await anext(sectors)
-        assert sector.dropped_before > 30
-        assert sectors.dropped >= sector.dropped_before
-        assert lidar.stats.dropped_scans == 0
-
-
 NO_SIZES: list[Any] = [0, -45, 7, 361, 800, 4, 360 / 73, float("nan"), float("inf"), "wide", None]
 
 

@@ -53,7 +53,8 @@ async def test_several_readers_each_get_every_scan(rig: Rig) -> None:
 
 
 async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(rig: Rig) -> None:
-    async with rig.open() as lidar, lidar.scans() as slow, lidar.scans(depth=4) as deep:
+    async with rig.open() as lidar, lidar.scans() as slow, lidar.scans(depth=4) as deep, lidar.sectors() as parts:
+        await anext(parts)
         first = await anext(slow)
         second = await anext(deep)
         await asyncio.sleep(10 * rig.turn_s)
@@ -63,6 +64,7 @@ async def test_a_slow_reader_gets_the_latest_scan_and_the_count_of_the_missed(ri
         assert [scan.seq for scan in kept] == list(range(kept[0].seq, kept[0].seq + 4))
         assert kept[0].dropped_before == kept[0].seq - second.seq - 1
         assert [scan.dropped_before for scan in kept[1:]] == [0, 0, 0]
+        assert (await anext(parts)).dropped_before == parts.dropped > 70
         assert lidar.stats.dropped_scans == slow.dropped + deep.dropped
 
 

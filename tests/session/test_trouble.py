@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from lidario import DeviceFault, DeviceLost, InternalError, ResponseTimeout, Scan, open_lidar
+from lidario import DeviceLost, InternalError, ResponseTimeout, Scan, open_lidar
 from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Seam
@@ -25,15 +25,6 @@ async def test_garbage_for_an_answer_is_asked_again(rig: Rig) -> None:
         assert isinstance(caught.value, TimeoutError)
         rig.device.garble_responses = 0
         assert (await lidar.get_info()) == lidar.info
-
-
-async def test_a_fault_that_stays_is_raised_with_its_code(rig: Rig) -> None:
-    rig.device.faults_cleared_by_reset = False
-    rig.device.protection_stop(0x21)
-    with pytest.raises(DeviceFault, match="33") as caught:
-        async with rig.open():
-            raise AssertionError("a faulty device was opened")
-    assert caught.value.health.code == 0x21
 
 
 @pytest.mark.long
