@@ -4,9 +4,8 @@ import asyncio
 
 import pytest
 
-from lidario import Health, Lidar, SessionClosed
-from lidario.session.talking.waiting import Awaited, Waiting
-from tests.support.devices import Rig, left_still, names, take
+from lidario import Health, Lidar, ResponseTimeout, SessionClosed
+from tests.support.devices import Rig, names
 from tests.support.times import takes
 
 AT_ONCE_S = 1e-6
@@ -58,25 +57,17 @@ async def test_behind_a_response_the_stop_requests_follow_at_once(rplidar: Rig) 
         await asyncio.gather(stopping, asked)
 
 
-async def test_the_last_reader_leaves_just_as_the_stream_begins(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """The device has said that it streams; the task that waited for that goes on after the reader has left."""
-    leaving = list[asyncio.Future[None]]()
+async def test_a_start_that_nobody_wants_any_more_keeps_no_question_waiting(rig: Rig) -> None:
+    """The device falls silent as the stream is begun, and its reader leaves."""
     async with rig.open() as lidar:
-        stream = lidar.scans()
-        wake = Waiting.wake
-
-        def leave_and_wake(self: Waiting, what: Awaited, result: bytes = b"") -> None:
-            if what is Awaited.RESPONSE and rig.device.scanning and not leaving:
-                leaving.append(asyncio.ensure_future(stream.aclose()))
-            wake(self, what, result)
-
-        monkeypatch.setattr(Waiting, "wake", leave_and_wake)
+        await lidar.get_modes()
+        rig.device.mute = True
+        reading = asyncio.ensure_future(anext(stream := lidar.scans()))
+        await asyncio.sleep(0.05)
+        with takes(4.0):
+            await stream.aclose()
+            with pytest.raises(ResponseTimeout):
+                await lidar.get_health()
+        rig.device.mute = False
         with pytest.raises(StopAsyncIteration):
-            await anext(stream)
-        await leaving[0]
-        assert left_still(rig)
-        assert not lidar.is_scanning
-        assert len(await take(lidar, 2)) == 2
-    assert not caplog.records
+            await reading
