@@ -15,7 +15,10 @@ from lidario.families.ydlidar.simulated.packers import SCAN_HEADER, pack_respons
 from lidario.wire.formats import NO_PACKET, StreamFormat
 from lidario.wire.link import Link
 from tests.reference.ldrobot import crc8
+from tests.support.case import Case
+from tests.support.families import ABOUT
 from tests.support.links import receive
+from tests.support.streams import feed
 
 
 def sealed(body: bytes) -> bytes:
@@ -25,14 +28,21 @@ def sealed(body: bytes) -> bytes:
 
 CHECKED: dict[str, tuple[StreamFormat, bytes]] = {
     "ldrobot response": (LdrobotFormat(), ldrobot(0xA2, b"\x70\x08\0\0")),
+    "ldrobot response without data": (LdrobotFormat(), ldrobot(0xA0)),
     "ldrobot longest response": (LdrobotFormat(), ldrobot(0xA8, b"\x54\x2c" * 25)),
     "ldrobot information": (LdrobotFormat(), sealed(b"\x54\x0f" + b"\x54\x2c" * 10)),
+    "ldrobot blocked window": (LdrobotFormat(), sealed(b"\x54\xe0\x01")),
     "irobotix rotor": (FrameFormat(), pack_failure(5.25)),
+    # 5.25 revolutions a second, as the protocol document has it; its version is 00.
+    "irobotix rotor of the document": (FrameFormat(), bytes.fromhex("AA00090061AE000169022C")),
     "irobotix other": (FrameFormat(), pack_frame(0xAB, b"\x01\x02")),
     "irobotix without a speed": (FrameFormat(), pack_frame(0xA9, bytes(30))),
     "ydlidar time stamp": (PointCloud(), pack_time_stamp(123_456, 7)),
     "ydlidar time stamp with marks": (PointCloud(), pack_time_stamp(0x55AA_55AA, 0xAA)),
-    "camsense idle": (CamsenseFormat(), camsense(0xA000, 0xA000, [0.0] * 8, [0] * 8)),
+    **{
+        f"camsense idle at {at:#x}": (CamsenseFormat(), camsense(at, at, [0.0] * 8, [0] * 8))
+        for at in (0, 0xA000, 0xB000)
+    },
     "neato slow": (NeatoFormat(), neato(7, [500.0] * 4, [90] * 4, rpm=60.0)),
 }
 """Those with a check value, each with the format between whose packets it may stand."""
@@ -60,6 +70,36 @@ def test_one_with_a_flipped_bit_is_none(name: str) -> None:
         damaged = bytearray(record)
         damaged[bit // 8] ^= 1 << bit % 8
         assert wire.other_record(damaged, 0) != len(record)
+
+
+def case_of(name: str) -> Case:
+    """A stream of the format between whose packets it may stand."""
+    kind, cases = type(ALL[name][0]), tuple[Case, ...](ABOUT[name.split()[0]].CASES)
+    return next(case for case in cases if isinstance(case.make_format(), kind))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_between_packets_it_is_no_noise(name: str) -> None:
+    case, (_, record) = case_of(name), ALL[name]
+    packets = case.packets[:16]
+    raw = b"".join([record, *packets[:5], record, record, *packets[5:9], record, *packets[9:]])
+    whole = feed(case, raw)
+    assert (whole.data, len(whole.events)) == (b"".join(packets), 1)
+    assert (whole.stats.records, whole.stats.skipped_bytes) == (4, 0)
+    for size in (1, 2, 3, 8, 64, 997):
+        assert feed(case, raw, size) == whole, size
+
+
+@pytest.mark.parametrize("name", CHECKED)
+def test_a_damaged_one_between_packets_is_noise(name: str) -> None:
+    case, (_, record) = case_of(name), ALL[name]
+    packets = case.packets[:16]
+    for at in (2, -1):
+        damaged = bytearray(record)
+        damaged[at] ^= 1
+        found = feed(case, b"".join([*packets[:5], damaged, *packets[5:]]))
+        assert found.data == b"".join(packets), at
+        assert (found.stats.records, found.stats.skipped_bytes) == (0, len(record)), at
 
 
 def test_a_response_that_claims_to_be_longer_than_any_is_none() -> None:

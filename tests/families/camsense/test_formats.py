@@ -26,14 +26,6 @@ def test_many_longer_ones_are_judged_as_one_is() -> None:
     assert LongFormat().run(raw, 0) == checked_one_by_one(LongFormat(), raw, 0)
 
 
-def test_packets_without_angles_are_records() -> None:
-    none = [0.0] * 8, [0] * 8
-    idle = [pack_packet(at, at, *none) for at in (0, 0xA000, 0xB000)]
-    raw = b"".join([*idle, *PACKETS[:10], idle[1], *PACKETS[10:20]])
-    stats = feed(CASES[0], raw).stats
-    assert (stats.packets, stats.records, stats.skipped_bytes) == (20, 4, 0)
-
-
 def test_what_no_rotor_can_turn_in_a_packet_is_damage() -> None:
     odd = [pack_packet(0xA000 + 900, 0xA000 + at, [1000.0] * 8, [80] * 8) for at in (850, 900 + 46 * 64, 361 * 64)]
     stats = feed(CASES[0], b"".join([*PACKETS[:10], *odd, *PACKETS[10:20]])).stats

@@ -46,27 +46,23 @@ def test_what_begins_no_frame_is_not_waited_for(at: int) -> None:
     assert FrameFormat().measure(head, 0) == NO_PACKET
 
 
-@pytest.mark.parametrize("count", [0, 81, 300])
-def test_no_others(count: int) -> None:
-    other = pack_measurement(0, [100.0] * count, [9] * count)
-    assert FrameFormat().measure(bytearray(other), 0) == NO_PACKET
+NONE = {
+    **{f"{count} samples": pack_measurement(0, [100.0] * count, [9] * count) for count in (0, 81, 300)},
+    "a part of a sample": pack_frame(0xAD, PACKETS[0][8:-4]),
+    "no speed": pack_frame(0xAE, b""),
+    "more than a speed": pack_frame(0xAE, b"\x69\x00"),
+}
+"""What is no frame, check value and all: it has up to 80 whole samples, or one byte that tells of the rotor."""
+
+
+@pytest.mark.parametrize("what", NONE)
+def test_no_others(what: str) -> None:
+    other = NONE[what]
     assert counted(b"".join([PACKETS[0], other, *PACKETS[1:4]])) == (4, 0, len(other))
+    assert "samples" not in what or FrameFormat().measure(bytearray(other), 0) == NO_PACKET
 
 
-def test_the_data_of_a_frame_are_whole_samples() -> None:
-    cut = pack_frame(0xAD, PACKETS[0][8:-4])
-    assert counted(b"".join([PACKETS[0], cut, *PACKETS[1:4]])) == (4, 0, len(cut))
-
-
-@pytest.mark.parametrize("data", [b"", b"\x69\x00"])
-def test_one_that_tells_of_the_rotor_has_one_byte_of_data(data: bytes) -> None:
-    other = pack_frame(0xAE, data)
-    assert counted(b"".join([PACKETS[0], other, *PACKETS[1:4]])) == (4, 0, len(other))
-
-
-def test_other_frames_are_records() -> None:
+def test_a_frame_of_any_kind_has_its_size() -> None:
     assert pack_failure(5.25)[4:] != FAILURE[4:]  # another version, and so another sum
-    raw = b"".join([FAILURE, pack_failure(1.0), *PACKETS[:5], pack_frame(0xAB, b"\x01\x02"), *PACKETS[5:9]])
-    assert counted(raw) == (9, 3, 0)
     assert AnyFrame().run(bytearray(FAILURE), 0).end == AnyFrame.shortest == len(FAILURE)
     assert AnyFrame().run(bytearray(PACKETS[0]), 0).end == len(PACKETS[0])

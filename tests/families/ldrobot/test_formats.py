@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lidario.families.ldrobot import TALKERS
 from lidario.families.ldrobot.decode import TriangleDecoder
 from lidario.families.ldrobot.formats import CRC, PacketFormat, TriangleFormat
-from lidario.families.ldrobot.simulated import pack_points, pack_response
+from lidario.families.ldrobot.simulated import pack_points
 from lidario.families.scripts import hear
 from lidario.families.two_angles import TwoAngleDecoder
 from lidario.recording.offline import OfflineDecoder
@@ -32,8 +32,6 @@ CLEAN = [
     pack_points(np.arange(12) + 1000 + n, range(100, 112), 950 * n % 36_000, (950 * n + 870) % 36_000)
     for n in range(80)
 ]
-BLOCKED = bytes((0x54, 0xE0, 1, ldrobot.crc8(b"\x54\xe0\x01")))
-"""The record that tells of a blocked window."""
 LD19 = next(case for case in CASES if case.name == "ldrobot_ld19_6hz")
 
 
@@ -46,22 +44,6 @@ def test_the_manuals_example_and_its_check_value() -> None:
     assert samples.intensity.tolist()[:3] == [228, 226, 229]
     assert (samples.angle_deg[0], samples.angle_deg[-1]) == (pytest.approx(324.27), pytest.approx(334.7))
     assert samples.last.reported_rpm == pytest.approx(0x0868 / 6)
-
-
-@pytest.mark.parametrize("chunk", [None, 1, 13])
-def test_responses_of_the_one_model_that_has_any_are_records(chunk: int | None) -> None:
-    between = pack_response(0xA0) + BLOCKED + pack_response(0xA8, b"\x54\x2c" * 12)
-    found = feed(LD19, b"".join(CLEAN[:40]) + between + b"".join(CLEAN[40:]), chunk)
-    assert found.data == b"".join(CLEAN)
-    assert (found.stats.records, found.stats.skipped_bytes) == (3, 0)
-
-
-def test_a_record_with_a_wrong_check_value_is_noise() -> None:
-    wrong = bytearray(BLOCKED)
-    wrong[-1] ^= 1
-    found = feed(LD19, b"".join(CLEAN[:40]) + bytes(wrong) + b"".join(CLEAN[40:]))
-    assert found.data == b"".join(CLEAN)
-    assert (found.stats.records, found.stats.skipped_bytes) == (0, 4)
 
 
 @pytest.mark.parametrize("chunk", [None, 47])

@@ -7,10 +7,7 @@ import pytest
 from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
 from lidario.families.ydlidar.simulated.packers import (
-    SCAN_HEADER,
     pack_points,
-    pack_response,
-    pack_time_stamp,
     start_control,
 )
 from lidario.wire.blocks import packet_offsets
@@ -44,32 +41,6 @@ def test_every_length_is_a_packet(count: int) -> None:
     received = in_any_pieces(b"".join(packets))
     assert received.data == b"".join(packets)
     assert received.stats.skipped_bytes == 0
-
-
-RECORDS = {
-    "time stamp": pack_time_stamp(123_456, 7),
-    "time stamp with magic": pack_time_stamp(0x55AA_55AA, 0xAA),
-    "scan header": SCAN_HEADER,
-    "device information": pack_response(0x04, bytes(range(20))),
-}
-
-
-@pytest.mark.parametrize("name", RECORDS)
-def test_records_between_packets_are_no_noise(name: str) -> None:
-    record = RECORDS[name]
-    raw = b"".join([record, *CLEAN[:5], record, record, *CLEAN[5:9], record, *CLEAN[9:]])
-    received = in_any_pieces(raw)
-    assert received.data == b"".join(CLEAN)
-    assert len(received.events) == 1
-    assert (received.stats.records, received.stats.skipped_bytes) == (4, 0)
-
-
-def test_a_damaged_time_stamp_is_noise() -> None:
-    bad = bytearray(pack_time_stamp(1000))
-    bad[2] ^= 1
-    received = in_any_pieces(b"".join([*CLEAN[:5], bytes(bad), *CLEAN[5:]]))
-    assert received.data == b"".join(CLEAN)
-    assert (received.stats.records, received.stats.skipped_bytes) == (0, 8)
 
 
 def test_headings_and_offsets() -> None:
