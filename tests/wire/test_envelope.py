@@ -146,11 +146,8 @@ def test_a_stream_is_announced_with_the_size_of_its_packets(kind: int) -> None:
     assert request.expects == Expected(kind, stream.shortest, continuous=True)
 
 
-def test_settle_times_are_the_manuals() -> None:
-    assert rplidar.STOP.settle == 0.010
-    assert rplidar.RESET.settle == 0.500
+def test_what_ends_a_stream_and_what_must_not_be_asked_twice() -> None:
     assert all(request.ends_stream for request in (rplidar.STOP, rplidar.RESET, ydlidar.STOP, ydlidar.RESET))
-    # What steps or toggles must not be asked twice.
     for request in (ydlidar.TOGGLE_PROTECTION, *ydlidar.STEPS.values()):
         assert request.attempts == 1
     assert Request("X", b"").expects is None

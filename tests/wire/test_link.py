@@ -1,5 +1,7 @@
 """The state machine: what each state makes of requests and bytes. Streams are in `test_link_streams`."""
 
+from collections.abc import Callable
+
 import pytest
 
 from lidario.errors import LocalProtocolError
@@ -18,29 +20,24 @@ from tests.support.links import DENSE, HEALTH_ANSWER, INFO, INFO_ANSWER, PACKETS
 from tests.support.streams import arrived, open_stream
 
 
-def test_nothing_is_sent_and_nothing_known_at_first() -> None:
+def test_at_first_nothing_is_known_and_what_comes_is_stray() -> None:
     link = Link()
     assert (link.state, link.buffered, link.events_received()) == (LinkState.IDLE, 0, [])
-
-
-def test_bytes_nobody_asked_for_are_stray() -> None:
-    link = Link()
+    # A request without a response changes nothing.
+    link.send_request(commands.motor_speed(600))
     assert receive(link, INFO_ANSWER + b"noise") == []
     assert (link.stats.stray_bytes, link.stats.bytes_received, link.buffered) == (32, 32, 0)
     assert link.state is LinkState.IDLE
 
 
-def test_a_request_without_an_answer_changes_nothing() -> None:
-    link = Link()
-    link.send_request(commands.motor_speed(600))
-    assert link.state is LinkState.IDLE
-
-
 @pytest.mark.parametrize("size", [None, 1, 2, 5])
-def test_an_answer_however_it_is_chopped(size: int | None) -> None:
+def test_an_answer_however_it_is_chopped_and_what_comes_behind_it_is_stray(size: int | None) -> None:
     link = waiting()
     assert receive(link, INFO_ANSWER, 0, size) == [Response(INFO)]
     assert (link.state, link.buffered, link.stats.stray_bytes) == (LinkState.IDLE, 0, 0)
+    assert receive(link, INFO_ANSWER, 0, size) == []
+    assert (link.stats.stray_bytes, link.buffered) == (len(INFO_ANSWER), 0)
+    assert receive(waiting(), INFO_ANSWER + INFO_ANSWER) == [Response(INFO)]
 
 
 @pytest.mark.parametrize(
@@ -97,12 +94,6 @@ def test_an_answer_inside_a_late_one_is_found() -> None:
     assert link.stats.late_responses == 1
 
 
-def test_what_comes_behind_an_answer_is_stray() -> None:
-    link = waiting()
-    assert receive(link, INFO_ANSWER + INFO_ANSWER) == [Response(INFO)]
-    assert (link.stats.stray_bytes, link.buffered) == (len(INFO_ANSWER), 0)
-
-
 def test_giving_up() -> None:
     link = waiting()
     receive(link, INFO_ANSWER[:10])
@@ -113,16 +104,6 @@ def test_giving_up() -> None:
     assert link.stats.stray_bytes == len(INFO_ANSWER)
     link.send_request(commands.GET_HEALTH)
     assert receive(link, HEALTH_ANSWER) == [Response(b"\0\0\0")]
-
-
-def test_giving_up_is_nothing_in_other_states() -> None:
-    link = streaming()
-    receive(link, PACKETS[0][:50])
-    link.forget()
-    assert (link.state, link.buffered) == (LinkState.STREAMING, 50)
-    idle = Link()
-    idle.forget()
-    assert idle.state is LinkState.IDLE
 
 
 @pytest.mark.parametrize("size", [None, 1, 5])
@@ -168,14 +149,22 @@ def test_behind_a_stop_a_response_is_still_outstanding() -> None:
     assert receive(link, INFO_ANSWER) == [Response(INFO)]
 
 
-def test_abandoning_is_nothing_in_other_states() -> None:
-    link = streaming()
-    link.abandon()
-    assert receive(link, PACKETS[0]) == [arrived(PACKETS[0], 1, 0)]
-    idle = Link()
-    idle.abandon()
-    idle.send_request(commands.GET_INFO)
-    assert receive(idle, INFO_ANSWER) == [Response(INFO)]
+@pytest.mark.parametrize(
+    ("verb", "links"),
+    [("forget", [Link, streaming]), ("abandon", [Link, streaming]), ("drained", [Link, streaming, waiting])],
+)
+def test_what_ends_one_state_is_nothing_in_the_others(verb: str, links: list[Callable[[], Link]]) -> None:
+    for make in links:
+        link, other = make(), make()
+        if make is streaming:
+            receive(link, PACKETS[0][:50])
+            receive(other, PACKETS[0][:50])
+        getattr(link, verb)()
+        assert (link.state, link.buffered, link.stats) == (other.state, other.buffered, other.stats)
+        if make is Link:
+            link.send_request(commands.GET_INFO)
+        expected = [arrived(PACKETS[0], 1, 0)] if make is streaming else [Response(INFO)]
+        assert receive(link, PACKETS[0][50:] if make is streaming else INFO_ANSWER) == expected
 
 
 def test_two_questions_at_once_are_misuse() -> None:
