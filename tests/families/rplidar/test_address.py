@@ -34,15 +34,13 @@ def test_setting_it() -> None:
     request = set_lidar_conf(Conf.NETWORK_ADDRESS, BYTES).data
     assert request[:3] == b"\xa5\x85\x10"
     drive(identified(S2).set_network_address(ADDRESS), {request: TYPE + bytes(4)})
+    # The address zero means DHCP.
+    dhcp = set_lidar_conf(Conf.NETWORK_ADDRESS, bytes(12)).data
+    drive(identified(S2).set_network_address(NetworkAddress("0.0.0.0")), {dhcp: TYPE + bytes(4)})
     with pytest.raises(RemoteProtocolError, match="0x80008001"):
         drive(identified(S2).set_network_address(ADDRESS), {request: TYPE + bytes.fromhex("01800080")})
     with pytest.raises(Unsupported, match="Ethernet"):
         drive(identified(S2).set_network_address(ADDRESS), {})
-
-
-def test_the_address_zero_means_dhcp() -> None:
-    request = set_lidar_conf(Conf.NETWORK_ADDRESS, bytes(12)).data
-    drive(identified(S2).set_network_address(NetworkAddress("0.0.0.0")), {request: TYPE + bytes(4)})
 
 
 @pytest.mark.parametrize(

@@ -27,21 +27,22 @@ def nodes_of(step: int, count: int = 140) -> Heads:
     return heads(headings(*(step * at for at in range(count))), step * count % TURN)
 
 
-ORDINARY: dict[str, Callable[[NodeSteps], object]] = {
-    "all there": lambda rotation: rotation.follow(nodes_of(7)),
-    "one missing": lambda rotation: rotation.follow(heads(headings(0, *range(14, 300, 7)), 301)),
-    "a whole revolution": lambda rotation: rotation.follow_several(nodes_of(7), [140]),
+ORDINARY: dict[str, Callable[[NodeSteps, int], object]] = {
+    "all there": lambda rotation, step: rotation.follow(nodes_of(step)),
+    "one missing": lambda rotation, step: rotation.follow(steps_of(2 * step, *[step] * 41)),
+    "a whole revolution": lambda rotation, step: rotation.follow_several(nodes_of(step), [140]),
 }
 
 
 @pytest.mark.parametrize("between", ORDINARY)
-def test_another_step_is_believed_the_32nd_time_in_a_row(between: str) -> None:
+@pytest.mark.parametrize(("step", "other"), [(7, 20), (5, 15), (7, 21), (40, 120)])
+def test_another_step_is_believed_the_32nd_time_in_a_row(step: int, other: int, between: str) -> None:
     rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(7))
+    rotation.follow(nodes_of(step))
     for _ in range(5):
-        rotation.follow(nodes_of(20, 32))
-    ORDINARY[between](rotation)
-    *told, last, behind = [lost(rotation.follow(nodes_of(20, 32))) for _ in range(33)]
+        rotation.follow(nodes_of(other, 32))
+    ORDINARY[between](rotation, step)
+    *told, last, behind = [lost(rotation.follow(nodes_of(other, 32))) for _ in range(33)]
     assert (told, behind) == ([2 * 32] * 31, 0)
     assert last < 2 * 32
 
@@ -111,10 +112,13 @@ def test_several_revolutions_are_steady_where_each_is() -> None:
     assert [lost(each.copy().follow(steps_of(7, 7, 17, 7))) for each in (twin, rotation)] == [0, 0]
 
 
-@pytest.mark.parametrize(("gap", "missing_there"), [(13, 0), (14, 1)])
-def test_steps_within_half_of_the_ordinary_one_are_of_one_speed(gap: int, missing_there: int) -> None:
+@pytest.mark.parametrize(
+    ("first", "missing_there"), [([6, 9] * 20 + [13], 0), ([6, 9] * 20 + [14], 1), ([7, 7, 12, 2, 7] * 8, 0)]
+)
+def test_steps_within_half_of_the_ordinary_one_are_of_one_speed(first: list[int], missing_there: int) -> None:
     """Their mean is the ordinary one, of the first ones too."""
-    assert lost(NodeSteps(TURN).follow(steps_of(*[6, 9] * 20, gap))) == missing_there
+    arcs = NodeSteps(TURN).follow(steps_of(*first))
+    assert (arcs.certain, lost(arcs)) == (True, missing_there)
     rotation = NodeSteps(TURN)
     rotation.follow(nodes_of(7))
     assert lost(rotation.follow(steps_of(*[10] * 60, 20, *[10] * 60))) == 1
@@ -198,15 +202,6 @@ def test_another_step_is_believed_at_once_where_time_says_so(faster: bool, ratio
     assert again == [0 if faster else 140 * (ratio - 1)] * 6
 
 
-@pytest.mark.parametrize("step", [5, 7, 40])
-def test_so_many_times_32_nodes_another_step_is_not_believed(step: int) -> None:
-    rotation, several = NodeSteps(TURN), 32
-    rotation.follow(nodes_of(step, 40))
-    *told, last, behind = [lost(rotation.follow(nodes_of(3 * step, several))) for _ in range(33)]
-    assert (told, behind) == ([2 * several] * 31, 0)
-    assert last < 2 * several
-
-
 @pytest.mark.parametrize("count", range(4, 9))
 def test_six_steps_that_agree_are_sure(count: int) -> None:
     assert NodeSteps(TURN).follow(nodes_of(7, count)).certain == (count >= 6)
@@ -233,12 +228,6 @@ def test_one_that_creeps_to_a_stop_is_not_unsure() -> None:
         assert (arcs.certain, lost(arcs)) == (True, 0)
 
 
-def test_the_first_steps_may_scatter() -> None:
-    steps = [7, 7, 12, 2, 7] * 8
-    arcs = NodeSteps(TURN).follow(steps_of(*steps))
-    assert (arcs.certain, lost(arcs)) == (True, 0)
-
-
 @pytest.mark.parametrize("ahead", [25, 515, 525, 1900])
 @pytest.mark.parametrize("before", [1, 3, 60])
 def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, ahead: int) -> None:
@@ -254,26 +243,26 @@ def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, 
         assert lost(rotation.follow(heads(headings(*angles.tolist()), 1050))) == pytest.approx(gap, abs=1)
 
 
-@pytest.mark.parametrize("gap", [0, 1, 5])
-def test_angles_that_are_corrected_by_the_distance_hide_no_gap_and_are_none(gap: int) -> None:
+EDGES = [(10, 90, 70), (120, 130, 120), (200, 270, 250)]
+"""Where targets are near, and how far back nodes lie there."""
+
+
+@pytest.mark.parametrize(
+    ("edges", "gap"), [*((EDGES, gap) for gap in (0, 1, 5)), *(([(10, 90, off)], 0) for off in (65, 70, 120, 250))]
+)
+def test_angles_that_are_corrected_by_the_distance_hide_no_gap_and_are_none(
+    edges: list[tuple[int, int, int]], gap: int
+) -> None:
     """Where an edge is near, nodes fall back behind it, and leap ahead behind the next one: by up to some steps."""
     rotation, angles = NodeSteps(TURN), 80 * np.arange(288)
     rotation.follow(nodes_of(80))
-    for begin, end, off in ((10, 90, 70), (120, 130, 120), (200, 270, 250)):
+    for begin, end, off in edges:
         angles[begin:end] -= off
     left = np.delete(angles, range(150, 150 + gap)) % TURN
     arcs = rotation.follow(heads(headings(*left.tolist()), 0))
     assert lost(arcs) == gap
     # Of gaps and leaps that are alike nobody knows which is which.
     assert gap < 5 or missing(arcs)[149] == gap
-
-
-@pytest.mark.parametrize("off", [65, 70, 120, 250])
-def test_so_it_is_where_one_such_edge_stands_alone(off: int) -> None:
-    rotation, angles = NodeSteps(TURN), 80 * np.arange(288)
-    rotation.follow(nodes_of(80))
-    angles[10:90] -= off
-    assert lost(rotation.follow(heads(headings(*(angles % TURN).tolist()), 0))) == 0
 
 
 @given(

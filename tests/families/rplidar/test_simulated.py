@@ -5,31 +5,21 @@ import struct
 import pytest
 
 from lidario.families.rplidar.simulated.device import PROFILES, Profile, make_simulated
-from tests.support.simulated_rplidar import (
-    EXPRESS_1,
-    FORCE_SCAN,
-    GET_HEALTH,
-    GET_INFO,
-    MOTOR_600,
-    MS,
-    RESET,
-    SCAN,
-    SECOND,
-    SOLD,
-    STOP,
-    Bench,
-    conf,
-    express,
-    framed,
-)
+from tests.support import simulated_rplidar as say
+from tests.support.simulated_rplidar import MS, SECOND, Bench, conf, express, framed
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
-@pytest.mark.parametrize("second", [GET_HEALTH, STOP, RESET, SCAN])
+@pytest.mark.parametrize("second", [say.GET_HEALTH, say.STOP, say.RESET, say.SCAN])
 @pytest.mark.parametrize(
     ("first", "name"),
-    [(GET_INFO, "get_info"), (conf(0x7F, 1), "get_lidar_conf"), (SCAN, "scan"), (express(1), "express_scan")],
+    [
+        (say.GET_INFO, "get_info"),
+        (conf(0x7F, 1), "get_lidar_conf"),
+        (say.SCAN, "scan"),
+        (express(1), "express_scan"),
+    ],
 )
 def test_a_request_before_the_response_has_left_is_discarded(
     bench: Bench, first: bytes, name: str, second: bytes
@@ -51,7 +41,7 @@ def test_a_request_before_the_response_has_left_is_discarded(
 def begin_to_scan(bench: Bench) -> None:
     """A scan whose motor still speeds up, so that no packet comes yet."""
     bench.device.spin_up_s = 1.0
-    bench.send(SCAN)
+    bench.send(say.SCAN)
     bench.run(50 * MS)
     assert bench.device.scanning
 
@@ -60,26 +50,26 @@ class TestDiscarding:
     @pytest.mark.parametrize(("wait", "heard"), [(0, False), (10 * MS - 1, False), (10 * MS, True)])
     def test_too_soon_after_stop(self, bench: Bench, wait: int, heard: bool) -> None:
         begin_to_scan(bench)
-        bench.send(STOP)
+        bench.send(say.STOP)
         bench.run(wait)
-        assert len(bench.ask(GET_INFO)) == (27 if heard else 0)
+        assert len(bench.ask(say.GET_INFO)) == (27 if heard else 0)
         assert bench.device.log[-1].obeyed is heard
         assert bench.why == ("" if heard else "within 10 ms of stop")
 
     @pytest.mark.parametrize(("wait", "remark"), [(5, "within 10 ms of a stop that was ignored"), (10, "")])
     def test_a_stop_in_idle_is_ignored(self, bench: Bench, wait: int, remark: str) -> None:
-        bench.send(STOP)
+        bench.send(say.STOP)
         bench.run(wait * MS)
-        assert len(bench.ask(GET_INFO)) == 27
+        assert len(bench.ask(say.GET_INFO)) == 27
         assert bench.device.log[-1].remark == remark
 
     def test_its_first_byte_counts(self, bench: Bench) -> None:
         begin_to_scan(bench)
-        bench.send(STOP)
+        bench.send(say.STOP)
         bench.run(9 * MS)
-        bench.send(GET_INFO[:1])
+        bench.send(say.GET_INFO[:1])
         bench.run(9 * MS)
-        assert bench.ask(GET_INFO[1:]) == b""
+        assert bench.ask(say.GET_INFO[1:]) == b""
         assert bench.why == "within 10 ms of stop"
 
     @pytest.mark.parametrize(
@@ -94,28 +84,28 @@ class TestDiscarding:
         """However fast it boots, half a second."""
         bench = Bench(model)
         bench.device.boot_s = bench.device.boot_s if boot_s is None else boot_s
-        bench.send(RESET)
+        bench.send(say.RESET)
         bench.run(silence - 1)
-        assert bench.ask(GET_INFO, 0) == b""
+        assert bench.ask(say.GET_INFO, 0) == b""
         assert bench.why == why
         bench.run(1)
-        assert len(bench.ask(GET_INFO)) == 27
+        assert len(bench.ask(say.GET_INFO)) == 27
 
     def test_incomplete_after_five_seconds(self, bench: Bench) -> None:
-        bench.send(EXPRESS_1[:4])
+        bench.send(say.EXPRESS_1[:4])
         bench.run(5 * SECOND)
         assert bench.device.log == []
         bench.run(1)
-        assert bench.device.log[0].data == EXPRESS_1[:4]
+        assert bench.device.log[0].data == say.EXPRESS_1[:4]
         assert bench.device.log[0].name == "express_scan"
         assert bench.why == "not complete within 5 s"
         assert bench.device.log[0].at_ns == 100 * SECOND
-        assert len(bench.ask(GET_INFO)) == 27
+        assert len(bench.ask(say.GET_INFO)) == 27
 
     @pytest.mark.parametrize(
         ("request_", "why"),
         [
-            (EXPRESS_1[:-1] + b"\x22", "wrong checksum"),
+            (say.EXPRESS_1[:-1] + b"\x22", "wrong checksum"),
             *((each, "unknown to this device") for each in (b"\xa5\x33", framed(0x99, b"xy"), b"\xa5\x90\x00\x35")),
             (framed(0x82, b"\x01"), "payload of 1 bytes"),
             (framed(0x84, b"\x70"), "payload of 1 bytes"),
@@ -127,7 +117,7 @@ class TestDiscarding:
         assert (bench.device.log[-1].data, bench.why) == (request_, why)
         assert not bench.device.scanning
 
-    @pytest.mark.parametrize("request_", [GET_INFO, EXPRESS_1, conf(0x71, 1), MOTOR_600])
+    @pytest.mark.parametrize("request_", [say.GET_INFO, say.EXPRESS_1, conf(0x71, 1), say.MOTOR_600])
     def test_chunks_make_no_difference(self, request_: bytes) -> None:
         whole, pieces = Bench(), Bench()
         for byte in request_[:-1]:
@@ -139,13 +129,13 @@ class TestDiscarding:
 
 def test_in_protection_stop_scans_are_refused_and_stop_is_ignored(bench: Bench) -> None:
     bench.device.protection_stop(7)
-    for request in (SCAN, FORCE_SCAN, EXPRESS_1):
+    for request in (say.SCAN, say.FORCE_SCAN, say.EXPRESS_1):
         assert bench.ask(request, SECOND) == b""
         assert bench.why == "in protection stop"
-    bench.send(STOP)
+    bench.send(say.STOP)
     assert bench.why == "in protection stop"
     # So no pause follows it.
-    assert bench.ask(GET_HEALTH)[7:] == b"\x02\x07\x00"
+    assert bench.ask(say.GET_HEALTH)[7:] == b"\x02\x07\x00"
 
 
 def test_an_overloaded_line_is_refused() -> None:
@@ -157,6 +147,37 @@ def test_an_overloaded_line_is_refused() -> None:
 def test_an_unknown_model_names_those_there_are() -> None:
     with pytest.raises(ValueError, match=r"no simulated device .*'rplidar-s9'.*rplidar-s2.*rplidar-old-firmware"):
         make_simulated("rplidar-s9")
+
+
+SPEEDS = {0x01: "5802 0000", 0x04: "e001", 0x05: "b004"}
+CONF = [
+    *(("rplidar-s2", 0x70, (), b"\2\0"), ("rplidar-s2", 0x7C, (), b"\1\0")),
+    *(("rplidar-s2", 0x75, (0,), b"\x81"), ("rplidar-s2", 0x75, (1,), b"\x85")),
+    *(("rplidar-s2", 0x7F, (0,), b"Standard\0"), ("rplidar-s2", 0x7F, (1,), b"DenseBoost\0")),
+    # No such mode, and none given.
+    *(("rplidar-s2", 0x71, (7,), b""), ("rplidar-s2", 0x71, (), b"")),
+    # The speeds of those that are sold: the typical one, the lowest and the highest.
+    *((model, kind, (), bytes.fromhex(SPEEDS[kind])) for model in say.SOLD if model[8] in "st" for kind in SPEEDS),
+    *(("rplidar-c1", kind, (), bytes.fromhex(text)) for kind, text in (SPEEDS | {0x05: "d002"}).items()),
+    *((model, 0x01, (), bytes.fromhex("5802 9402")) for model in ("rplidar-a1", "rplidar-a2", "rplidar-a3")),
+    # What logs of real devices say of their modes: microseconds a sample, and metres.
+    *(
+        (model, kind, (mode,), struct.pack("<I", int(figure * 256)))
+        for model, mode, us, metres in [
+            ("rplidar-s1", 0, 244, 40), ("rplidar-s1", 1, 108, 40), ("rplidar-s2", 0, 62.5, 30),
+            ("rplidar-s2", 1, 31.25, 30), ("rplidar-s3", 0, 62.5, 16), ("rplidar-s3", 1, 31.25, 40),
+            ("rplidar-a1", 0, 508, 12), ("rplidar-a1", 1, 254, 12), ("rplidar-a1", 3, 127, 12),
+            ("rplidar-a1", 4, 201, 12), ("rplidar-a2", 0, 252, 16), ("rplidar-a2", 1, 126, 16),
+            ("rplidar-a2", 3, 63, 16), ("rplidar-a2", 4, 100, 16), ("rplidar-a3", 3, 63, 25),
+            ("rplidar-c1", 0, 200, 16), ("rplidar-c1", 1, 200, 40),
+        ]
+        for kind, figure in ((0x71, us), (0x74, metres))
+    ),
+    # Awkward devices.
+    *(("rplidar-zero-us", 0x71, (1,), bytes(4)), ("rplidar-unknown-response", 0x75, (6,), b"\x8e")),
+    *(("rplidar-no-modes", 0x70, (), bytes(2)), ("rplidar-no-modes", 0x7C, (), b"")),
+]  # fmt: skip
+"""Configuration values: model, which one, of which mode if of one, and the value."""
 
 
 class TestAnswers:
@@ -171,43 +192,15 @@ class TestAnswers:
     def test_model_and_firmware_of_devices_that_are_sold(
         self, model: str, major: int, firmware: str | None
     ) -> None:
-        info = Bench(model).ask(GET_INFO)
+        info = Bench(model).ask(say.GET_INFO)
         assert info[7] >> 4 == major
         assert firmware is None or info[8:10] == bytes.fromhex(firmware)
 
-    @pytest.mark.parametrize(
-        ("kind", "mode", "value"),
-        [
-            (0x70, (), struct.pack("<H", 2)),
-            (0x7C, (), struct.pack("<H", 1)),
-            (0x75, (0,), b"\x81"),
-            (0x75, (1,), b"\x85"),
-            (0x7F, (0,), b"Standard\0"),
-            (0x7F, (1,), b"DenseBoost\0"),
-            (0x71, (7,), b""),  # no such mode
-            (0x71, (), b""),  # no mode given
-        ],
-    )
-    def test_conf(self, bench: Bench, kind: int, mode: tuple[int, ...], value: bytes) -> None:
-        answer = bench.ask(conf(kind, *mode))
-        assert answer == b"\xa5\x5a" + struct.pack("<IBI", 4 + len(value), 0x20, kind) + value
-
-    @pytest.mark.parametrize(
-        ("model", "kind", "value"),
-        [
-            *(
-                (model, kind, value)
-                for model in SOLD
-                if model[8] in "st"
-                for kind, value in ((0x01, "5802 0000"), (0x04, "e001"), (0x05, "b004"))
-            ),
-            *(("rplidar-c1", 0x01, "5802 0000"), ("rplidar-c1", 0x04, "e001"), ("rplidar-c1", 0x05, "d002")),
-            *((model, 0x01, "5802 9402") for model in ("rplidar-a1", "rplidar-a2", "rplidar-a3")),
-        ],
-    )
-    def test_devices_that_are_sold_tell_their_speeds(self, model: str, kind: int, value: str) -> None:
+    @pytest.mark.parametrize(("model", "kind", "mode", "value"), CONF)
+    def test_conf(self, model: str, kind: int, mode: tuple[int, ...], value: bytes) -> None:
         """The vendor's driver takes a response without a value for one with a value, and crashes."""
-        assert Bench(model).ask(conf(kind))[11:] == bytes.fromhex(value)
+        answer = Bench(model).ask(conf(kind, *mode))
+        assert answer == b"\xa5\x5a" + struct.pack("<IBI", 4 + len(value), 0x20, kind) + value
 
     @pytest.mark.parametrize(
         ("model", "kind"), [("rplidar-s2", 0x79), ("rplidar-s1", 0x81), ("rplidar-holes", 0x01)]
@@ -215,7 +208,7 @@ class TestAnswers:
     def test_a_conf_type_that_the_firmware_does_not_know(self, model: str, kind: int) -> None:
         """Silence: the vendor's driver takes any response to 0x79 for the sign of an Ethernet device."""
         bench = Bench(model)
-        bench.ask(SCAN, 100 * MS)
+        bench.ask(say.SCAN, 100 * MS)
         assert bytes.fromhex("0000 0020") not in bench.ask(conf(kind))
         assert bench.why == "unknown to this firmware"
         assert bench.device.scanning
@@ -227,33 +220,11 @@ class TestAnswers:
         without_a_hole = ids == list(range(len(ids)))
         assert without_a_hole is (profile.name not in ("rplidar-holes", "rplidar-unknown-response"))
 
-    @pytest.mark.parametrize(
-        ("model", "mode", "us", "metres"),
-        [
-            ("rplidar-s1", 0, 244, 40), ("rplidar-s1", 1, 108, 40), ("rplidar-s2", 0, 62.5, 30),
-            ("rplidar-s2", 1, 31.25, 30), ("rplidar-s3", 0, 62.5, 16), ("rplidar-s3", 1, 31.25, 40),
-            ("rplidar-a1", 0, 508, 12), ("rplidar-a1", 1, 254, 12), ("rplidar-a1", 3, 127, 12),
-            ("rplidar-a1", 4, 201, 12), ("rplidar-a2", 0, 252, 16), ("rplidar-a2", 1, 126, 16),
-            ("rplidar-a2", 3, 63, 16), ("rplidar-a2", 4, 100, 16), ("rplidar-a3", 3, 63, 25),
-            ("rplidar-c1", 0, 200, 16), ("rplidar-c1", 1, 200, 40),
-        ],
-    )  # fmt: skip
-    def test_what_logs_of_real_devices_say_of_their_modes(
-        self, model: str, mode: int, us: float, metres: int
-    ) -> None:
-        bench = Bench(model)
-        assert bench.ask(conf(0x71, mode))[11:] == struct.pack("<I", int(us * 256))
-        assert bench.ask(conf(0x74, mode))[11:] == struct.pack("<I", metres * 256)
-
-    def test_awkward_devices(self) -> None:
-        assert Bench("rplidar-zero-us").ask(conf(0x71, 1))[11:] == bytes(4)
-        assert Bench("rplidar-unknown-response").ask(conf(0x75, 6))[11:] == b"\x8e"
-        assert Bench("rplidar-no-modes").ask(conf(0x70))[11:] == bytes(2)
-        assert Bench("rplidar-no-modes").ask(conf(0x7C))[11:] == b""
+    def test_old_firmware_tells_none(self) -> None:
         assert Bench("rplidar-old-firmware").ask(conf(0x70), SECOND) == b""
 
     def test_an_answer_takes_the_device_a_moment_and_the_line_its_time(self, bench: Bench) -> None:
-        bench.send(GET_INFO)
+        bench.send(say.GET_INFO)
         assert bench.run(1_500_000) == b""
         assert len(bench.run(100_000)) == 10  # ten bits a byte at 1 Mbaud
         assert bench.device.wakeup(bench.now) == bench.now + 17 * 10_000

@@ -9,36 +9,14 @@ import pytest
 from lidario.sim.world import World
 from tests.reference import rplidar
 from tests.reference.samples import revolutions
-from tests.support.simulated_rplidar import (
-    BOARD,
-    DUTY_0,
-    DUTY_660,
-    EXPRESS_1,
-    FORCE_SCAN,
-    GET_HEALTH,
-    GET_INFO,
-    MODES,
-    MOTOR_600,
-    MOTOR_OFF,
-    MS,
-    ONE_A_FORMAT,
-    RESET,
-    SCAN,
-    SECOND,
-    STOP,
-    Bench,
-    begin,
-    conf,
-    express,
-    framed,
-    packets_of,
-)
+from tests.support import simulated_rplidar as say
+from tests.support.simulated_rplidar import MS, SECOND, Bench, begin, conf, express, framed, packets_of
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
 class TestStream:
-    @pytest.mark.exhaustive("how", sample=ONE_A_FORMAT, full=MODES)
+    @pytest.mark.exhaustive("how", sample=say.ONE_A_FORMAT, full=say.MODES)
     def test_what_is_decoded_is_what_there_is(self, how: tuple[str, int]) -> None:
         model, mode_id = how
         # A smooth world without noise: an angle wrong by 0.1° shows, as does every wrong bit of a distance.
@@ -79,7 +57,7 @@ class TestStream:
                 assert len(turn) == pytest.approx(samples * 600 / rpm, abs=1.5)
 
     def test_standard_marks_the_first_sample_of_each_turn(self, bench: Bench) -> None:
-        packets = packets_of(0x81, bench.ask(SCAN, SECOND)[7:])
+        packets = packets_of(0x81, bench.ask(say.SCAN, SECOND)[7:])
         marked = [i for i, packet in enumerate(packets) if packet[0] & 1]
         np.testing.assert_allclose(np.diff(marked), 1600, atol=1)
         assert len(marked) >= 9
@@ -93,8 +71,8 @@ class TestStream:
         """As in transcripts of an A1M8: by the correction of 0x84, and a sample without a return is at the beam."""
         direction = np.arange(32768)
         bench = Bench(model, world=World(np.where(direction % 3000 < 900, 0.0, 600.0 + direction / 10)))
-        bench.ask(DUTY_660)
-        stream = bench.ask(SCAN, 2 * SECOND)
+        bench.ask(say.DUTY_660)
+        stream = bench.ask(say.SCAN, 2 * SECOND)
         beams = [
             sample.angle_deg + rplidar.correction_deg(round(4 * sample.distance_mm))
             if sample.distance_mm and model != "rplidar-s1"
@@ -114,7 +92,7 @@ class TestStream:
     ) -> None:
         """Over 139 revolutions of a real one marks stood at 351.4 to 359.5 degrees (cpane/heron)."""
         bench = Bench("rplidar-a1", world=World(np.full(32768, 1000.0 * metres)))
-        stream = bench.ask(SCAN, 2 * SECOND)
+        stream = bench.ask(say.SCAN, 2 * SECOND)
         packets = packets_of(0x81, stream[stream.index(b"\xa5\x5a") + 7 :])
         marked = [sample.angle_deg for sample in rplidar.decode(0x81, [each for each in packets if each[0] & 1])]
         assert len(marked) in (13, 14, 15)
@@ -142,17 +120,17 @@ class TestStream:
             packets = packets_of(mode.format, bench.ask(express(mode_id), 400 * MS)[7:])
             new = [rplidar.is_reset(mode.format, packet) for packet in packets]
             assert new == [True] + [False] * (len(packets) - 1)
-            bench.ask(STOP)
+            bench.ask(say.STOP)
 
     def test_streams_begin_anywhere(self) -> None:
         starts = set()
         for seed in range(5):
-            stream = Bench(seed=seed).ask(EXPRESS_1)
+            stream = Bench(seed=seed).ask(say.EXPRESS_1)
             starts.add(rplidar.start_q6(0x85, stream[7:91]))
         assert len(starts) == 5
 
     def test_the_stream_leaves_at_the_samples_pace(self, bench: Bench) -> None:
-        bench.send(EXPRESS_1)
+        bench.send(say.EXPRESS_1)
         bench.run(1_500_000 + 70_000)  # the descriptor
         # A packet of 40 samples is made 1.25 ms after the first began, and needs 0.84 ms on the line.
         made = 100 * SECOND + 1_500_000 + 1_250_000
@@ -163,17 +141,17 @@ class TestStream:
 
     def test_beyond_its_reach_nothing_returns(self) -> None:
         bench = Bench("rplidar-s2", world=World(np.full(32768, 30_500.0)))  # it sees 30 m
-        packets = packets_of(0x85, bench.ask(EXPRESS_1, 50 * MS)[7:])
+        packets = packets_of(0x85, bench.ask(say.EXPRESS_1, 50 * MS)[7:])
         assert not any(sample.distance_mm for sample in rplidar.decode(0x85, packets))
         far = Bench("rplidar-s3", world=World(np.full(32768, 30_500.0)))  # it sees 40 m
-        packets = packets_of(0x85, far.ask(EXPRESS_1, 50 * MS)[7:])
+        packets = packets_of(0x85, far.ask(say.EXPRESS_1, 50 * MS)[7:])
         assert {sample.distance_mm for sample in rplidar.decode(0x85, packets)} == {30_500.0}
 
 
 class TestEndOfStream:
     def test_stop_lets_the_packet_under_way_leave_and_no_more(self, bench: Bench) -> None:
-        stream = bench.ask(EXPRESS_1, 98 * MS)
-        stream += bench.ask(STOP, SECOND)
+        stream = bench.ask(say.EXPRESS_1, 98 * MS)
+        stream += bench.ask(say.STOP, SECOND)
         packets = packets_of(0x85, stream[7:])
         assert (len(stream) - 7) % 84 == 0
         assert len(packets) == (98 * MS - 1_500_000) // 1_250_000
@@ -182,10 +160,11 @@ class TestEndOfStream:
         assert bench.device.wakeup(bench.now) is None
 
     @pytest.mark.parametrize(
-        ("request_", "answer"), [(GET_INFO, 27), (GET_HEALTH, 10), (conf(0x70), 13), (framed(0xA8, bytes(2)), 0)]
+        ("request_", "answer"),
+        [(say.GET_INFO, 27), (say.GET_HEALTH, 10), (conf(0x70), 13), (framed(0xA8, bytes(2)), 0)],
     )
     def test_every_request_ends_it(self, bench: Bench, request_: bytes, answer: int) -> None:
-        bench.ask(EXPRESS_1, 100 * MS)
+        bench.ask(say.EXPRESS_1, 100 * MS)
         after = bench.ask(request_, SECOND)
         assert not bench.device.scanning
         assert bench.device.motor_on is (answer > 0)  # but for the speed 0
@@ -210,17 +189,17 @@ class TestEndOfStream:
         assert 0.16 < steps.min() <= steps.max() < 0.27
         assert bench.device.scanning
 
-    @pytest.mark.parametrize("noise", [b"\x25", b"\xa5\x33", EXPRESS_1[:-1] + b"\x00"])
+    @pytest.mark.parametrize("noise", [b"\x25", b"\xa5\x33", say.EXPRESS_1[:-1] + b"\x00"])
     def test_noise_does_not(self, bench: Bench, noise: bytes) -> None:
-        bench.ask(EXPRESS_1, 100 * MS)
+        bench.ask(say.EXPRESS_1, 100 * MS)
         bench.ask(noise)
         assert bench.device.scanning
 
     def test_reset_ends_it_in_the_middle_of_a_packet(self, bench: Bench) -> None:
-        bench.send(EXPRESS_1)
+        bench.send(say.EXPRESS_1)
         out = bench.run(1_500_000 + 1_250_000 * 5 + 400_000)  # 40 bytes into the fifth packet
         assert (len(out) - 7) % 84 == 40
-        bench.send(RESET)
+        bench.send(say.RESET)
         assert bench.run(5 * SECOND) == b""
         assert not bench.device.scanning
         assert not bench.device.motor_on
@@ -237,7 +216,7 @@ class TestEndOfStream:
     )
     def test_an_a_model_prints_a_banner_when_it_has_booted(self, model: str, told: str) -> None:
         bench = Bench(model)
-        bench.send(RESET)
+        bench.send(say.RESET)
         assert bench.run(600 * MS) == b""
         banner = bench.run(100 * MS)
         assert banner.decode("ascii") == f"RP LIDAR System.\r\n{told}\r\n"
@@ -252,13 +231,13 @@ class TestMotor:
 
     def test_samples_are_withheld_until_it_is_stable(self) -> None:
         bench = Bench(spin_up_s=1.0)
-        assert len(bench.ask(EXPRESS_1, 1000 * MS)) == 7
+        assert len(bench.ask(say.EXPRESS_1, 1000 * MS)) == 7
         assert bench.device.scanning
         assert len(bench.run(100 * MS)) > 5000
 
     def test_after_force_scan_they_are_not(self) -> None:
         bench = Bench(spin_up_s=1.0)
-        packets = packets_of(0x81, bench.ask(FORCE_SCAN, 500 * MS)[7:])
+        packets = packets_of(0x81, bench.ask(say.FORCE_SCAN, 500 * MS)[7:])
         assert len(packets) > 7900
         turned = sum(packet[0] & 1 for packet in packets)
         assert 1 <= turned <= 4  # of five at full speed
@@ -269,7 +248,7 @@ class TestMotor:
     def test_a_motor_that_runs_by_itself_takes_no_command(self, model: str) -> None:
         bench = Bench(model)
         assert bench.device.motor_on
-        for request in (MOTOR_OFF, DUTY_0, BOARD):
+        for request in (say.MOTOR_OFF, say.DUTY_0, say.BOARD):
             assert bench.ask(request) == b""
             assert bench.why == "unknown to this device"
         assert bench.device.motor_on
@@ -279,20 +258,20 @@ class TestBoard:
     """A2 and A3: the motor hangs on an accessory board."""
 
     def test_it_tells_that_it_is_there(self) -> None:
-        assert Bench("rplidar-a3").ask(BOARD) == bytes.fromhex("a55a04000000ff 01000000")
+        assert Bench("rplidar-a3").ask(say.BOARD) == bytes.fromhex("a55a04000000ff 01000000")
         bench = Bench("rplidar-s2")
-        assert bench.ask(BOARD) == b""
+        assert bench.ask(say.BOARD) == b""
         assert bench.why == "unknown to this device"
 
     def test_there_is_no_packet_before_the_duty_was_set_by_the_one_request_that_it_obeys(self) -> None:
         bench = Bench("rplidar-a2")
-        bench.send(MOTOR_600)
+        bench.send(say.MOTOR_600)
         assert bench.why == "unknown to this device"
         assert len(bench.ask(express(3), 5 * SECOND)) == 7
         states = [bench.device.scanning]
-        bench.ask(STOP)
+        bench.ask(say.STOP)
         assert [*states, bench.device.scanning] == [True, False]
-        bench.send(DUTY_660)
+        bench.send(say.DUTY_660)
         assert bench.device.motor.target_rpm == 600
         assert len(bench.ask(express(3), SECOND)) > 20_000
 
@@ -318,7 +297,7 @@ class TestControlLine:
 
     def test_to_the_others_it_means_nothing(self) -> None:
         bench = Bench("rplidar-s2")
-        bench.ask(EXPRESS_1, 100 * MS)
+        bench.ask(say.EXPRESS_1, 100 * MS)
         bench.device.set_dtr(True, bench.now)
         assert bench.device.motor_on
         assert len(bench.run(100 * MS)) > 5_000

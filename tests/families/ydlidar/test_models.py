@@ -62,9 +62,13 @@ def test_each_is_what_the_sheet_says() -> None:
     assert {name: facts(model) for name, model in MODELS.items()} == SHEET
 
 
-def test_how_each_is_read_and_switched_on() -> None:
+def test_how_each_is_read_switched_on_and_set() -> None:
     assert {name for name, model in MODELS.items() if model.dtr} == BY_DTR
     assert {name for name, model in MODELS.items() if model.protection} == PROTECTED
+    assert {name for name, model in MODELS.items() if model.offset} == OFFSET
+    assert {name for name, model in MODELS.items() if model.speeds is None} == FIXED
+    for name in MODELS.keys() - FIXED:
+        assert MODELS[name].speeds == (6.0 if name in FROM_6_HZ else 5.0, 12.0)
     read = {name: {model for model in MODELS if MODELS[model].kind is kind} for name, kind in KINDS.items()}
     assert read == {**SAMPLES, "x": MODELS.keys() - set().union(*SAMPLES.values())}
 
@@ -73,13 +77,6 @@ def test_recordings_tell_how_samples_are_to_be_read_by_these_numbers() -> None:
     numbers = {name: kind.response_type for name, kind in KINDS.items()}
     own = dict(zip(("x", "x-flags", "octave", "g2", "s4b", "tmini", "sh"), range(0xA1, 0xA8), strict=True))
     assert numbers == {"tg": 0x81} | own
-
-
-def test_which_of_them_tell_an_offset_and_change_their_speed() -> None:
-    assert {name for name, model in MODELS.items() if model.offset} == OFFSET
-    assert {name for name, model in MODELS.items() if model.speeds is None} == FIXED
-    for name in MODELS.keys() - FIXED:
-        assert MODELS[name].speeds == (6.0 if name in FROM_6_HZ else 5.0, 12.0)
 
 
 def test_where_no_packet_tells_how_long_a_revolution_is_the_slowest_rate_of_the_model_is_taken() -> None:

@@ -11,63 +11,41 @@ from lidario.families.ydlidar.simulated.device import Simulated4Ros, make_simula
 from lidario.families.ydlidar.simulated.packers import SCAN_HEADER
 from lidario.sim.rooms import make_world
 from tests.reference import ydlidar
-from tests.support.simulated_4ros import (
-    BEGIN,
-    FASTER,
-    FASTER_FINE,
-    HEALTH,
-    HEALTH_92,
-    INFO,
-    MS,
-    OFFSET,
-    PROTECTION,
-    RESET,
-    SCAN,
-    SLOWER,
-    SLOWER_FINE,
-    SPEED,
-    STAMPED,
-    STOP,
-    S,
-    asked,
-    set_hundredths,
-    stream_of,
-    unstamped,
-    whole,
-    why,
-)
+from tests.support import simulated_4ros as say
+from tests.support.simulated_4ros import BEGIN, MS, S, asked, set_hundredths, stream_of, unstamped, whole, why
 
 pytestmark = pytest.mark.discards("what the simulated device discards is tested here")
 
 
 def test_a_request_before_the_response_has_left_is_obeyed_and_remarked(device: Simulated4Ros) -> None:
     """No document says that it is discarded; but two responses of one type cannot be told apart."""
-    device.receive(INFO + HEALTH, BEGIN)
+    device.receive(say.INFO + say.HEALTH, BEGIN)
     assert len(device.transmit(BEGIN + 10 * MS)) == 27 + 10
     assert [(each.obeyed, each.remark) for each in device.log] == [
         (True, ""),
         (True, "while the response to get_info is outstanding"),
     ]
-    asked(device, INFO, BEGIN + 10 * MS)
+    asked(device, say.INFO, BEGIN + 10 * MS)
     assert device.log[-1].remark == ""
 
 
 def test_a_stop_before_the_header_has_left_is_remarked_and_a_keepalive_is_not(device: Simulated4Ros) -> None:
     device.spin_up_s = 0.0
-    device.receive(SCAN, BEGIN)
+    device.receive(say.SCAN, BEGIN)
     device.transmit(BEGIN + 1 * S)
-    device.receive(SCAN, BEGIN + 1 * S)
-    device.receive(STOP, BEGIN + 1 * S)
+    device.receive(say.SCAN, BEGIN + 1 * S)
+    device.receive(say.STOP, BEGIN + 1 * S)
     assert [each.remark for each in device.log] == ["", "", ""]
-    device.receive(SCAN, BEGIN + 2 * S)
-    device.receive(STOP, BEGIN + 2 * S)
+    device.receive(say.SCAN, BEGIN + 2 * S)
+    device.receive(say.STOP, BEGIN + 2 * S)
     assert device.log[-1].remark == "while the response to scan is outstanding"
     assert device.log[-1].obeyed
     assert not device.scanning
 
 
 @pytest.mark.parametrize(
-    ("model", "known", "unknown"), [("ydlidar-4ros", HEALTH, HEALTH_92), ("ydlidar-4ros-92", HEALTH_92, HEALTH)]
+    ("model", "known", "unknown"),
+    [("ydlidar-4ros", say.HEALTH, say.HEALTH_92), ("ydlidar-4ros-92", say.HEALTH_92, say.HEALTH)],
 )
 def test_one_of_the_health_requests_is_answered(model: str, known: bytes, unknown: bytes) -> None:
     device = make_simulated(model)
@@ -85,14 +63,14 @@ def test_unknown_requests_are_not_answered(device: Simulated4Ros, command: int) 
 def test_speed_steps_end_at_the_limits(device: Simulated4Ros) -> None:
     now, speeds = BEGIN, []
     for request in (
-        FASTER_FINE,
-        SLOWER_FINE,
-        FASTER,
-        SLOWER,
-        *[FASTER] * 6,
-        FASTER_FINE,
-        *[SLOWER] * 8,
-        SLOWER_FINE,
+        say.FASTER_FINE,
+        say.SLOWER_FINE,
+        say.FASTER,
+        say.SLOWER,
+        *[say.FASTER] * 6,
+        say.FASTER_FINE,
+        *[say.SLOWER] * 8,
+        say.SLOWER_FINE,
     ):
         speeds.append(set_hundredths(asked(device, request, now)))
         now += S
@@ -101,10 +79,13 @@ def test_speed_steps_end_at_the_limits(device: Simulated4Ros) -> None:
     assert speeds[-3:] == [500, 500, 500]
 
 
-@pytest.mark.parametrize("request_", [INFO, HEALTH, OFFSET, SPEED, FASTER, SLOWER_FINE, PROTECTION, RESET])
+@pytest.mark.parametrize(
+    "request_",
+    [say.INFO, say.HEALTH, say.OFFSET, say.SPEED, say.FASTER, say.SLOWER_FINE, say.PROTECTION, say.RESET],
+)
 def test_nothing_else_is_heard_while_scanning(device: Simulated4Ros, request_: bytes) -> None:
     device.spin_up_s = 0.2
-    device.receive(SCAN, BEGIN)
+    device.receive(say.SCAN, BEGIN)
     for now in (BEGIN + 100 * MS, BEGIN + S):
         device.receive(request_, now)
         assert why(device) == "scanning"
@@ -114,7 +95,7 @@ def test_nothing_else_is_heard_while_scanning(device: Simulated4Ros, request_: b
 
 def test_a_repeated_scan_is_not_answered(device: Simulated4Ros) -> None:
     data = stream_of(device, 0.5)
-    device.receive(SCAN, BEGIN + S // 2)
+    device.receive(say.SCAN, BEGIN + S // 2)
     assert why(device) == ""
     data += device.transmit(BEGIN + S)
     assert SCAN_HEADER not in data
@@ -123,40 +104,40 @@ def test_a_repeated_scan_is_not_answered(device: Simulated4Ros) -> None:
 
 
 def test_requests_right_after_a_stop_are_discarded(device: Simulated4Ros) -> None:
-    device.receive(STOP, BEGIN)
-    assert asked(device, INFO, BEGIN + 4 * MS) == b""
+    device.receive(say.STOP, BEGIN)
+    assert asked(device, say.INFO, BEGIN + 4 * MS) == b""
     assert why(device) == "within 5 ms of stop"
-    assert asked(device, INFO, BEGIN + 20 * MS) != b""
+    assert asked(device, say.INFO, BEGIN + 20 * MS) != b""
 
 
 def test_a_reset(device: Simulated4Ros) -> None:
-    asked(device, PROTECTION, BEGIN - 2 * S)
-    asked(device, FASTER, BEGIN - S)
+    asked(device, say.PROTECTION, BEGIN - 2 * S)
+    asked(device, say.FASTER, BEGIN - S)
     stream_of(device, 1.0)
-    device.receive(STOP, BEGIN + S - 10 * MS)
+    device.receive(say.STOP, BEGIN + S - 10 * MS)
     device.transmit(BEGIN + S - MS)
-    device.receive(RESET, BEGIN + S)
+    device.receive(say.RESET, BEGIN + S)
     assert not device.scanning
     assert not device.motor_on
     assert device.transmit(BEGIN + S + 999 * MS) == b""
-    for request in (INFO, STOP):
+    for request in (say.INFO, say.STOP):
         assert asked(device, request, BEGIN + S + 500 * MS) == b""
         assert why(device) == "still booting after reset"
     assert device.transmit(BEGIN + 3 * S) == b""
-    assert asked(device, INFO, BEGIN + 4 * S)[:8] == bytes.fromhex("A55A1400000004 65")
+    assert asked(device, say.INFO, BEGIN + 4 * S)[:8] == bytes.fromhex("A55A1400000004 65")
     assert (device.set_speed, device.protected) == (700, False)
 
 
 def test_some_tell_unasked_what_they_are_after_a_reset() -> None:
     device = make_simulated("ydlidar-4ros-92")
-    device.receive(RESET, BEGIN)
+    device.receive(say.RESET, BEGIN)
     told = device.transmit(BEGIN + 3 * S)
-    assert told == asked(device, INFO, BEGIN + 4 * S) != b""
+    assert told == asked(device, say.INFO, BEGIN + 4 * S) != b""
 
 
 def test_seeds_and_serials() -> None:
     def info(seed: int = 0, serial: bytes | None = None) -> bytes:
-        return asked(make_simulated("ydlidar-4ros", seed=seed, serial=serial), INFO, BEGIN)
+        return asked(make_simulated("ydlidar-4ros", seed=seed, serial=serial), say.INFO, BEGIN)
 
     assert info(1) == info(1) != info(2)
     assert max(info(1)[11:]) <= 9
@@ -193,22 +174,22 @@ def test_turns(device: Simulated4Ros, hundredths: int, samples: int) -> None:
 
 
 def test_protection_stops_a_scan_that_nobody_keeps_alive(device: Simulated4Ros) -> None:
-    asked(device, PROTECTION, BEGIN - S)
+    asked(device, say.PROTECTION, BEGIN - S)
     device.spin_up_s = 0.0
-    device.receive(SCAN, BEGIN)
+    device.receive(say.SCAN, BEGIN)
     for second in (2, 4, 6):
-        device.receive(SCAN, BEGIN + second * S)
+        device.receive(say.SCAN, BEGIN + second * S)
     assert device.transmit(BEGIN + 9 * S - 1)
     assert (device.scanning, device.lapses) == (True, 0)
     rest = device.transmit(BEGIN + 20 * S)
     assert (device.scanning, device.motor_on, device.lapses) == (False, False, 1)
     assert len(rest) < 200
     # From standstill a scan is answered again.
-    assert asked(device, SCAN, BEGIN + 21 * S)[:7] == SCAN_HEADER
+    assert asked(device, say.SCAN, BEGIN + 21 * S)[:7] == SCAN_HEADER
 
 
 def test_time_stamps_between_the_packets() -> None:
-    plain, stamped = (make_simulated(name, world=make_world("circle")) for name in ("ydlidar-4ros", STAMPED))
+    plain, stamped = (make_simulated(name, world=make_world("circle")) for name in ("ydlidar-4ros", say.STAMPED))
     expected, got = whole(stream_of(plain, 1.0)), stream_of(stamped, 1.0)
     stamps, packets = unstamped(got)
     assert packets[: len(expected) - 2] == expected[: len(expected) - 2]
@@ -219,9 +200,9 @@ def test_time_stamps_between_the_packets() -> None:
 
 
 def test_the_last_packet_with_a_stamp_leaves_whole() -> None:
-    device = make_simulated(STAMPED, world=make_world("circle"))
+    device = make_simulated(say.STAMPED, world=make_world("circle"))
     data = stream_of(device, 1.0)
-    device.receive(STOP, BEGIN + S)
+    device.receive(say.STOP, BEGIN + S)
     data += device.transmit(BEGIN + 2 * S)
     assert data[: data.rindex(b"\xaa\x66")].count(b"\xaa\x66") > 500
     assert len(ydlidar.split(data[data.rindex(b"\xaa\x66") + 8 :])) == 1
