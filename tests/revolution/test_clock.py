@@ -92,23 +92,6 @@ def test_an_outage_is_told_in_full(name: str, revolutions: float, place: float) 
 
 @pytest.mark.long
 @every_kind
-@pytest.mark.exhaustive("late", sample=[0.6, 2.5], full=[0.2, 0.6, 1.4, 2.5])
-@pytest.mark.parametrize("back", [0.01, 1.0])
-def test_late_stamps_are_no_missing_revolutions(name: str, late: float, back: float) -> None:
-    """From one moment on all comes late, and whole; the backlog is worked off at once, or in some revolutions."""
-    revolution_ns, delayed = 1e9 / hertz(name), list[tuple[bytes, float]]()
-    stall_ns, until_ns = 3.5 * revolution_ns, (3.5 + late) * revolution_ns
-    for packet, at_ns in packets_of(name):
-        delay = max(0.0, until_ns - max(0.0, at_ns - stall_ns) * back - at_ns) if at_ns > stall_ns else 0.0
-        delayed.append((packet, at_ns + delay))
-    scans, stats = assembled_from(name, delayed)
-    assert stats.lost_packets == 0
-    assert stats.missed_scans == stats.broken_scans
-    assert len(scans) + stats.broken_scans == len(clean_scans(name))
-
-
-@pytest.mark.long
-@every_kind
 @pytest.mark.exhaustive("share", sample=[0.09, 0.6], full=[0.03, 0.09, 0.3, 0.6, 0.85, 0.92, 0.97])
 @pytest.mark.parametrize("together", [False, True])
 def test_a_late_first_arrival_bends_no_speed(name: str, share: float, together: bool) -> None:
@@ -130,25 +113,6 @@ def test_a_late_first_arrival_bends_no_speed(name: str, share: float, together: 
         scans, _ = assembled_from(name, late)
     assert len(scans) > 12
     assert all(scan.rpm == pytest.approx(60 * hertz(name), rel=0.03) for scan in scans)
-
-
-@pytest.mark.long
-@every_kind
-def test_an_outage_that_is_read_late_leaves_no_scan_of_two_revolutions(name: str) -> None:
-    """A blocked program finds what the buffer kept from before it and what came behind it, with one time."""
-    packets, kind = packets_of(name), STEADY[name]
-    each = len(packets) / 2.5 / hertz(name)
-    blocked, lost, back, free = (round(turns * each) for turns in (3.5, 6.4, 11.6, 13.7))
-    assembler, wire, scans = Assembler(kind.stream()), kind.make_format(), list[Scan]()
-    kept = b"".join(packet for packet, _ in [*packets[blocked:lost], *packets[back:free]])
-    reads = [*reads_of(packets[:blocked]), (kept, packets[free - 1][1]), *reads_of(packets[free:])]
-    for data, at_ns in reads:
-        scans += assembler.add(in_one_run(wire, data, at_ns))
-    assert assembler.stats.lost_packets == pytest.approx(back - lost, abs=3 + 0.01 * (back - lost))
-    # Of the one that went on behind the outage the beginning is missing.
-    whole = max(map(len, scans))
-    assert all((len(scan) < 0.99 * whole) == (scan.lost_packets > 0) for scan in scans)
-    assert scans[-1].seq + 1 == len(clean_scans(name))
 
 
 @every_kind

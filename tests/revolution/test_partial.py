@@ -10,7 +10,6 @@ from lidario.families.base import DecodedRevolution, Samples
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
-from lidario.revolution.together import joined
 from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
@@ -64,25 +63,6 @@ def blocks_of(sizes: Sequence[int], *, one_a_size: bool) -> tuple[Block, ...]:
     blocks: list[Block] = []
     join_blocks(blocks, single)
     return tuple(blocks if one_a_size else single)
-
-
-@pytest.mark.parametrize("one_a_size", [False, True])
-@pytest.mark.parametrize(
-    "sizes", [[[84] * 3, [84], [84] * 2], [[84] * 3, [84, 60], [60]], [[60], [84, 84]], [[84, 60]]]
-)
-def test_runs_that_are_joined_are_one(sizes: list[list[int]], one_a_size: bool) -> None:
-    """As if they had been reported together, each packet with its size and its time."""
-    runs, number = [], 0
-    for these in sizes:
-        blocks = blocks_of(these, one_a_size=one_a_size)
-        runs.append(Packets(bytes(sum(these)), blocks, tuple((at, number + at) for at in range(1, len(these) + 1))))
-        number += len(these)
-    found = joined(runs)
-    assert [size for size, count in found.blocks for _ in range(count)] == [
-        size for these in sizes for size in these
-    ]
-    assert found.arrivals == tuple((at, at) for at in range(1, number + 1))
-    assert (found.count, len(found.data)) == (number, sum(map(sum, sizes)))
 
 
 @pytest.mark.parametrize("one_a_size", [False, True])

@@ -1,21 +1,32 @@
-"""A line that brings nothing for about a turn, and then all of it in pieces: nothing is missing or told as that."""
+"""A line that brings nothing for a while, or a program that does not read: what is missing is told, and no more.
 
+Where all of it comes in pieces, nothing is missing. Where nobody reads, the line keeps what came first and drops
+the rest. What it has kept is read behind the pause, together with what comes behind the gap. So the last packets
+before a gap are dated late by all of it, and no time lies where packets are missing.
+"""
+
+import struct
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import pytest
 
 from benchmarks.streams import KINDS, capture
-from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 
 SECONDS = 3.0
 POLL_S = 0.005
+BLOCKED_SECONDS = 4.5
+HOLDS = 4095
+"""Bytes that the kernel keeps of a terminal."""
 TURN_S = {"4ROS points": 1 / 7}
 ONE_A_PARSER = ["0x81 nodes", "0x83 HQ", "0x84 ultra", "0x85 dense", "4ROS points"]
+SLOW_ENOUGH = [name for name in KINDS if name not in ("0x81 nodes", "0x83 HQ")]
+"""These two would take 1.6 and 2.6 megabaud for 32000 samples a second."""
 Read = tuple[float, float]
 """Up to where in the stream it reads, in seconds of the stream, and when."""
 
@@ -33,12 +44,15 @@ def reads_of(begin: float, *pauses: tuple[float, float]) -> list[Read]:
     return reads + [(at, at) for at in times if at > reads[-1][1]]
 
 
-def scans_of(name: str, reads: Sequence[Read], *, together: bool = False) -> tuple[list[Scan], AssemblerStats]:
-    raw, pipeline, scans = capture(KINDS[name], SECONDS), Pipeline(KINDS[name].stream()), list[Scan]()
-    a_second = (len(raw) - DESCRIPTOR_SIZE) / SECONDS
+def scans_of(
+    name: str, reads: Sequence[Read], *, together: bool = False, seconds: float = SECONDS, holds: int = 1 << 30
+) -> tuple[list[Scan], Pipeline]:
+    """The scans of a stream that is read so, and what made them; a read finds so many bytes at most."""
+    raw, pipeline, scans = capture(KINDS[name], seconds), Pipeline(KINDS[name].stream()), list[Scan]()
+    a_second = (len(raw) - DESCRIPTOR_SIZE) / seconds
     ends = [DESCRIPTOR_SIZE + round(upto * a_second) for upto, _ in reads]
     pieces = [
-        (raw[begin:end], round(now * 1e9))
+        (raw[begin : min(end, begin + holds)], round(now * 1e9))
         for (begin, end), (_, now) in zip(pairwise([DESCRIPTOR_SIZE, *ends]), reads, strict=True)
     ]
     if together:
@@ -52,7 +66,7 @@ def scans_of(name: str, reads: Sequence[Read], *, together: bool = False) -> tup
     else:
         for data, now in pieces:
             scans += pipeline.receive(data, now)
-    return scans, pipeline.stats
+    return scans, pipeline
 
 
 @cache
@@ -92,7 +106,8 @@ def test_nor_does_one_that_pauses_again_before_it_has_caught_up(
 def costs_nothing(name: str, reads: Sequence[Read]) -> None:
     turn_s, expected = TURN_S.get(name, 0.1), clean(name)
     for together in (False, True):
-        scans, stats = scans_of(name, reads, together=together)
+        scans, pipeline = scans_of(name, reads, together=together)
+        stats = pipeline.stats
         assert (stats.missed_scans, stats.broken_scans, stats.lost_packets, stats.waiting_packets) == (0, 0, 0, 0)
         assert [scan.seq for scan in scans] == [scan.seq for scan in expected]
         assert [len(scan) for scan in scans] == [len(scan) for scan in expected]
@@ -157,3 +172,65 @@ def test_nothing_is_told_of_those_that_wait_behind_packets_that_were_not_looked_
     assert (stats.waiting_packets, stats.unfinished_packets) == (0, 0)
     assert (stats.lost_packets, stats.missed_scans) == (0, 0)
     assert stats.scan_packets + stats.discarded_packets == stream.pipeline.link.stats.packets
+
+
+def read_times(blocks: Sequence[tuple[float, float]] = ()) -> list[Read]:
+    """Every few milliseconds, but not in the blocks: when each begins, and how long it lasts."""
+    times, now = list[Read](), 0.0
+    waiting = list(blocks)
+    while now < BLOCKED_SECONDS - 0.01:
+        now += waiting.pop(0)[1] if waiting and now >= waiting[0][0] else POLL_S
+        times.append((now, now))
+    return times
+
+
+def blocked(name: str, blocks: Sequence[tuple[float, float]] = ()) -> tuple[list[Scan], Pipeline]:
+    """The scans of a stream whose reader is blocked so, and what made them."""
+    return scans_of(name, read_times(blocks), seconds=BLOCKED_SECONDS, holds=HOLDS)
+
+
+@cache
+def unblocked(name: str) -> tuple[list[Scan], Pipeline]:
+    return blocked(name)
+
+
+@pytest.mark.exhaustive("name", sample=ONE_A_PARSER[2:], full=SLOW_ENOUGH)
+@pytest.mark.exhaustive("block_s", sample=[0.2], full=[0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.0])
+@pytest.mark.exhaustive("phase", sample=[0.75], full=[0.0, 0.5, 0.75])
+@pytest.mark.exhaustive("pause_s", sample=[None, 0.06], full=[None, 0.06, 0.11, 0.22])
+def test_a_blocked_reader_is_told_all_that_is_missing(
+    name: str, block_s: float, phase: float, pause_s: float | None
+) -> None:
+    """Blocked once, or twice with a short pause between, at any place of a revolution."""
+    first = 1.2 + phase * TURN_S.get(name, 0.1)
+    blocks = [(first, block_s)] if pause_s is None else [(first, block_s), (first + block_s + pause_s, block_s)]
+    whole, sent = unblocked(name)
+    scans, pipeline = blocked(name, blocks)
+    gone = sent.link.stats.packets - pipeline.link.stats.packets
+    assert pipeline.stats.lost_packets == pytest.approx(gone, abs=3, rel=0.01)
+    assert len(scans) + pipeline.stats.missed_scans == len(whole)
+    for scan in scans[-5:]:
+        assert abs(scan.stamp_ns - whole[scan.seq].stamp_ns) < 0.1e9 * TURN_S.get(name, 0.1)
+
+
+def test_reads_of_several_revolutions_are_dated_alike_behind_a_rotor_that_stood() -> None:
+    """Read one by one, or handed over together with their times: nothing is missing, and stamps are the same."""
+    down, up = ([55 * at / nodes for at in range(nodes)] for nodes in (1500, 400))
+    steps = [*[55.0] * 3000, *down[::-1], *[0.0] * 2500, *up, *[55.0] * 5000]
+    angles = [round(at) % 23040 for at in accumulate(steps)]
+    begins = [after < before for before, after in pairwise([0, *angles])]
+    nodes = zip(begins, angles, strict=True)
+    raw = b"".join([struct.pack("<BHH", 1 if begin else 2, angle << 1 | 1, 4000) for begin, angle in nodes])
+    reads = [(end, end // 5 * 200_000) for end in range(4096, len(raw), 4096)]
+    told = list[tuple[int, int, list[int]]]()
+    # What it turned when a revolution ended last, tells nothing of a read behind its rest.
+    for together in (1, 7):
+        pipeline = Pipeline(replace(KINDS["0x81 nodes"].stream(), sample_ns=200_000.0))
+        scans, begin = list[Scan](), 0
+        for at in range(0, len(reads), together):
+            *arrivals, (end, now) = [(end - begin, at_ns) for end, at_ns in reads[at : at + together]]
+            scans += pipeline.receive(raw[begin : begin + end], now, arrivals)
+            begin += end
+        told.append((pipeline.stats.lost_packets, pipeline.stats.missed_scans, [scan.stamp_ns for scan in scans]))
+    assert told[0] == told[1]
+    assert told[0][:2] == (0, 0)
