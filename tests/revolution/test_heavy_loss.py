@@ -1,7 +1,6 @@
 """Most packets are lost, by bytes that are missing everywhere: what is told stays within what can be true."""
 
 from functools import cache
-from itertools import product
 
 import numpy as np
 import pytest
@@ -68,23 +67,6 @@ def test_a_false_mark_just_behind_the_beginning_makes_no_scan_of_what_lies_befor
     numbers = [sector.seq for sector in sectors]
     assert len(numbers) >= 9
     assert numbers == sorted(set(numbers))
-
-
-@pytest.mark.long
-@pytest.mark.exhaustive(
-    ("name", "share"),
-    sample=[("0x81 nodes", 0.05), ("0x85 dense", 0.002), ("0x85 dense", 0.05)],
-    full=list(product(KINDS, [0.002, 0.02, 0.05])),
-)
-@pytest.mark.exhaustive("seed", sample=[1], full=[1])
-def test_a_speed_is_right_or_unknown(name: str, share: float, seed: int) -> None:
-    rpm = 60 * (7.0 if name == "4ROS points" else 10.0)
-    speeds = np.array([scan.rpm for scan in thinned(name, share, seed)[0]])
-    known = speeds[~np.isnan(speeds)]
-    assert np.abs(known / rpm - 1).max(initial=0.0) < 0.02
-    if share <= 0.002 and name != "0x83 HQ":
-        # Of a packet of 96 samples a fifth comes.
-        assert len(known) > 0.6 * len(speeds)
 
 
 @pytest.mark.exhaustive("seed", sample=[2, 4], full=range(1, 6))

@@ -5,10 +5,9 @@ import pytest
 
 from lidario.families.rplidar.simulated.packers import pack_dense, pack_standard
 from tests.revolution.test_sectors import assert_sum, divided
-from tests.support.cases import CASES, KINDS, Case
+from tests.support.cases import CASES
 from tests.support.kept import arrivals
 from tests.support.numbered import DENSE, numbered
-from tests.support.samples import one_a_parser
 from tests.support.streams import assembled
 
 
@@ -50,18 +49,6 @@ def test_what_passes_unseen_is_counted_once(name: str, turn: int) -> None:
     begin = 1 if turn == 0 else 0
     assert [scan.seq for scan in found.scans[begin:]] == [scan.seq for scan in plain.scans[begin:]]
     assert found.scans[begin:]
-
-
-@one_a_parser([case for case in KINDS if case.make_format().longest > 5])
-def test_no_sector_is_of_two_revolutions(case: Case) -> None:
-    """Nine tenths of one are missing, and so the angles seem to fall back a little."""
-    begins = [samples[0].packet for samples in case.turns]
-    each = begins[2] - begins[1]
-    gone = range(begins[1] + round(0.6 * each), begins[2] + round(0.5 * each))
-    left = [number for number in range(len(case.packets)) if number not in gone]
-    found = divided(case, b"".join(case.packets[number] for number in left), (8,), 64, arrivals(case, left))
-    most = max(map(len, case.turns)) / 8
-    assert max(map(len, found.sectors[8])) < 1.2 * most
 
 
 NODES = next(case for case in CASES if case.response_type == 0x81)

@@ -6,13 +6,10 @@ from itertools import accumulate
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.spans import Heads
-from lidario.families.wheel import Wheel
 from tests.support.wheels import heads, lost, missing
 
 TURN = 23040
@@ -220,14 +217,6 @@ def test_the_first_steps_of_a_rotor_that_stood_are_its_speed() -> None:
     assert (arcs.certain, lost(arcs)) == (True, 1)
 
 
-def test_one_that_creeps_to_a_stop_is_not_unsure() -> None:
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(1))
-    for _ in range(2):
-        arcs = rotation.follow(nodes_of(0))
-        assert (arcs.certain, lost(arcs)) == (True, 0)
-
-
 @pytest.mark.parametrize("ahead", [25, 515, 525, 1900])
 @pytest.mark.parametrize("before", [1, 3, 60])
 def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, ahead: int) -> None:
@@ -263,31 +252,3 @@ def test_angles_that_are_corrected_by_the_distance_hide_no_gap_and_are_none(
     assert lost(arcs) == gap
     # Of gaps and leaps that are alike nobody knows which is which.
     assert gap < 5 or missing(arcs)[149] == gap
-
-
-@given(
-    arc=st.integers(100, 3000),
-    lost=st.lists(st.booleans(), min_size=12, max_size=60),
-    seed=st.integers(0, 2**32),
-    turns=st.integers(1, 3),
-)
-def test_random_losses_are_counted_to_the_packet(arc: int, lost: list[bool], seed: int, turns: int) -> None:
-    random = np.random.default_rng(seed)
-    # Speed varies by two percent, and never is half a turn lost at once.
-    angles = np.cumsum(random.integers(int(arc * 0.99), int(arc * 1.01) + 1, len(lost) + 12))
-    there = [True] * 10
-    for each in lost:
-        fits = there[::-1].index(True) < TURN // 2 // arc - 1
-        there.append(not (each and fits))
-    kept = np.flatnonzero([*there, True, True])
-    gaps = np.diff(kept) - 1
-    wheel, found = Wheel(TURN), []
-    parts = np.array_split(np.arange(len(kept) - 1), turns)
-    for part in parts:
-        if len(part):
-            those = (angles[kept[part]] % TURN).astype(np.int32)
-            following = int(angles[kept[part[-1] + 1]] % TURN)
-            result = wheel.follow(heads(those, following))
-            found += missing(result)
-            assert np.abs(np.asarray(result.arc) - arc).max() <= 0.03 * arc + 1
-    assert found == gaps.tolist()
