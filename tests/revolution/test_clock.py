@@ -66,32 +66,6 @@ def hertz(name: str) -> float:
 
 @pytest.mark.long
 @every_kind
-@pytest.mark.exhaustive("revolutions", sample=[1.0, 5.5], full=[0.4, 0.97, 1.0, 1.3, 2.0, 2.6, 5.5, 8.1])
-@pytest.mark.exhaustive("place", sample=[2.05, 2.9], full=[2.05, 2.5, 2.9])
-def test_an_outage_is_told_in_full(name: str, revolutions: float, place: float) -> None:
-    """Whatever part of a revolution comes on top: packets by the angle, revolutions by the time."""
-    packets, clean = packets_of(name), clean_scans(name)
-    each = len(packets) / 2.5 / hertz(name)
-    begin = round(place * each)
-    gone = round(revolutions * each)
-    scans, stats = assembled_from(name, [*packets[:begin], *packets[begin + gone :]])
-    # Revolutions do not have a whole number of packets.
-    assert stats.lost_packets == pytest.approx(gone, abs=3 + 0.01 * gone)
-    numbers = [scan.seq for scan in scans]
-    assert numbers[0] == 0
-    assert all(after > before for before, after in pairwise(numbers))
-    assert numbers[-1] + 1 == len(clean)
-    assert stats.missed_scans == len(clean) - len(scans)
-    assert stats.missed_scans >= int(revolutions) - 1
-    for scan in scans:
-        # The same revolution of the undamaged stream has the same number, also where the angles show no gap.
-        assert abs(scan.stamp_ns - clean[scan.seq].stamp_ns) < 0.95e9 / hertz(name)
-        assert math.isnan(scan.rpm) or scan.rpm == pytest.approx(60 * hertz(name), rel=0.03)
-    assert sum(math.isnan(scan.rpm) for scan in scans) <= 2
-
-
-@pytest.mark.long
-@every_kind
 @pytest.mark.exhaustive("share", sample=[0.09, 0.6], full=[0.03, 0.09, 0.3, 0.6, 0.85, 0.92, 0.97])
 @pytest.mark.parametrize("together", [False, True])
 def test_a_late_first_arrival_bends_no_speed(name: str, share: float, together: bool) -> None:
