@@ -178,8 +178,9 @@ def _grid(rows: Iterable[Sequence[str | Text]], *columns: dict[str, Any], gap: i
     from rich.table import Table
 
     made = Table.grid(padding=(0, gap))
-    for column in (*columns, {"overflow": "fold"}):
+    for column in columns:
         made.add_column(**column)
+    made.add_column(overflow="fold")
     for row in rows:
         made.add_row(*row)
     return made
