@@ -114,16 +114,21 @@ async def cancelled_at(scenario: Scenario, family: str, how: str, turn: int) -> 
         with scope:
             await scenario(rig)
 
-    task = asyncio.ensure_future(inside())
+    task, cancelled = asyncio.ensure_future(inside()), False
 
     def cancel() -> None:
-        scope.cancel() if how == "scope" else task.cancel()
+        nonlocal cancelled
+        if how == "scope":
+            scope.cancel()
+        else:
+            cancelled = task.cancel()
         if how == "twice":
             loop.after(2, task.cancel)
 
     loop.after(turn, cancel)
     with suppress(asyncio.CancelledError):
         await task
+    assert task.cancelled() or not cancelled  # a cancellation is raised, however late
     # What was written is on its way even if nobody waited for it.
     await asyncio.sleep(5.0)
     if rig.device.log or scenario in SEARCHES:
