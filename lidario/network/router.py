@@ -141,10 +141,9 @@ def _unwelcome(router: str, protocol: str) -> str:
 class OpenSession:
     """A session of zenoh and what is declared in it; an asynchronous context manager that closes it.
 
-    A session that nobody closes is closed when the program ends.
-
-    Else its threads would outlive the interpreter, and a message that comes then would abort the program. A forked
-    child has none of these threads: if it closed the session, or dropped what is declared, it would wait for ever.
+    A session that nobody closes is closed when the program ends. Else its threads would outlive the interpreter,
+    and a message that comes then would abort the program. A forked child has none of these threads: if it closed
+    the session, or dropped what is declared, it would wait for ever.
     """
 
     def __init__(self, session: Any) -> None:
