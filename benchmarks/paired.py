@@ -4,8 +4,8 @@ On a shared machine two runs of one program differ by more than most changes do.
 beside this one for as long as it takes, and the two run by turns, a fraction of a second each; what is compared is
 the CPU time, and of all rounds the median of the ratios. Two equal commits differ by up to 0.03.
 
-In memory ("decode") two processes decode the same streams, in chunks of four sizes. Live, one after the other reads
-a device that is played on a pseudo-terminal.
+In memory ("decode") two processes decode the same streams, in chunks of four sizes and as whole files, as
+`lidario.decode_file` does. Live, one after the other reads a device that is played on a pseudo-terminal.
 """
 
 from __future__ import annotations
@@ -28,12 +28,14 @@ from benchmarks.processes import ROOT, Failed, Player, Responder, run_json
 from benchmarks.report import Table, machine, median, percentile
 from benchmarks.streams import KINDS, LIVE, RATES, capture
 
-CHUNKS = (64, 1024, 4096, 65536)
-"""Bytes at a time; the last ones are as many as `Link` parses at once, as of a file."""
+WHOLE = 0  # instead of a chunk: a file
+CHUNKS = (64, 1024, 4096, 65536, WHOLE)
+"""Bytes at a time; 65536 are as many as `Link` parses at once."""
 _STREAM_S = 6.0
 """So long that the first revolution, from which a decoder learns, weighs little: a scanner turns for hours."""
 _SHORT_STREAM_S = 0.6
 """Small chunks take long, so they get less of the stream."""
+_FILE_S = 30.0
 _PASSES = 2
 _LATENCY_S = 0.005
 _SETTLE_S = 0.5
@@ -121,13 +123,13 @@ def compare_decode(
         before, after = (stack.enter_context(_Decoding(each)) for each in (old, new))
         streams: dict[tuple[str, float], Path] = {}
         for kind in kinds:
-            for stream_s in {_STREAM_S if chunk != CHUNKS[0] else _SHORT_STREAM_S for chunk in chunks}:
+            for stream_s in set(map(_stream_s, chunks)):
                 path = streams[kind, stream_s] = Path(folder) / f"{kind}-{stream_s:g}.bin"
                 path.write_bytes(capture(KINDS[kind], stream_s))
         for number in range(rounds + 1):
             for kind in kinds:
                 for chunk in chunks:
-                    stream_s = _STREAM_S if chunk != CHUNKS[0] else _SHORT_STREAM_S
+                    stream_s = _stream_s(chunk)
                     task = (kind, streams[kind, stream_s], chunk, stream_s)
                     took = dict[bool, float]()
                     for which in (False, True) if number % 2 else (True, False):
@@ -136,12 +138,17 @@ def compare_decode(
                         found.setdefault((kind, chunk), []).append((took[False], took[True]))
     table = Table(
         f"paired: decoding, CPU time of {new.name} to that of {old.name}",
-        ["format, chunk of", *(f"{chunk} B" for chunk in chunks)],
+        ["format, chunk of", *(f"{chunk} B" if chunk else "a whole file" for chunk in chunks)],
     )
     for kind in kinds:
         table.add(kind, *(_ratio(found[kind, chunk]) for chunk in chunks))
     table.notes.append(f"median of the ratios of {rounds} rounds, and the ratio of the least times")
     return table
+
+
+def _stream_s(chunk: int) -> float:
+    """Seconds of the stream that is decoded in chunks of this size."""
+    return {CHUNKS[0]: _SHORT_STREAM_S, WHOLE: _FILE_S}.get(chunk, _STREAM_S)
 
 
 def _ratio(pairs: Sequence[tuple[float, float]]) -> str:

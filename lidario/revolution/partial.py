@@ -6,8 +6,10 @@ second are the packets after it, which stay bytes until the revolution ends.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,11 +18,13 @@ from numpy.typing import NDArray
 from lidario.families.base import Samples
 from lidario.revolution.together import joined
 from lidario.wire.blocks import packet_offsets, some_blocks
-from lidario.wire.events import Arrival, Packets
+from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 
 if TYPE_CHECKING:
     from lidario.revolution.divided import DividedRevolution
+
+_first_of = itemgetter(0)
 
 MOST_IN_A_PART: Final = 2048
 """Most packets taken at a time: several revolutions of most formats, which are decoded as one block."""
@@ -136,18 +140,19 @@ def part_of(
     """
     offsets = offsets or packet_offsets(packets.blocks)
     blocks = some_blocks(packets.blocks, begin, end)
-    arrivals: list[Arrival] = []
-    complete, at_ns = packets.arrivals[-1]  # bound for type checkers too: there is always one
-    for complete, at_ns in packets.arrivals:
-        if complete >= end:
-            break
-        if complete > begin:
-            arrivals.append((complete - begin, at_ns))
+    # In a file without times each packet may have its own arrival, and a run has those of a hundred revolutions.
+    first = bisect_right(packets.arrivals, begin, key=_first_of)
+    last = bisect_left(packets.arrivals, end, key=_first_of)
+    arrivals = [(complete - begin, at_ns) for complete, at_ns in packets.arrivals[first:last]]
+    complete, at_ns = packets.arrivals[last]
     if complete > end:
         # Later packets came with the same read, so these were late by the time that it took to measure those.
         at_ns -= round(wire.samples_in(some_blocks(packets.blocks, end, complete)) * sample_ns)
     arrivals.append((end - begin, at_ns))
-    skips = packets.skips and tuple([(at - begin, size) for at, size in packets.skips if begin <= at < end])
+    skips = packets.skips
+    if skips:
+        inside = bisect_left(skips, begin, key=_first_of), bisect_left(skips, end, key=_first_of)
+        skips = tuple([(at - begin, size) for at, size in skips[slice(*inside)]])
     cut = complete > end or (packets.cut and end == packets.count)
     return Packets(packets.data[offsets[begin] : offsets[end]], blocks, tuple(arrivals), skips, cut=cut)
 
