@@ -244,7 +244,10 @@ class RevolutionClock:
         if here.broken and not passed:
             # It began when it was due. All packets that came of it may lie behind an outage, or be late.
             here.start_ns -= round(max(0.0, late_ns))
+        left = self._hides - unseen
         self._be_anchor(here, unseen, lost)
+        # A silence that hid some may have hidden more: the next beginning may show them.
+        self._hides = left if unseen else 0.0
         return Passed(unseen, lost)
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:

@@ -195,8 +195,8 @@ def unblocked(name: str) -> tuple[list[Scan], Pipeline]:
 
 
 @pytest.mark.exhaustive("name", sample=ONE_A_PARSER[2:], full=SLOW_ENOUGH)
-@pytest.mark.exhaustive("block_s", sample=[0.2], full=[0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.0])
-@pytest.mark.exhaustive("phase", sample=[0.75], full=[0.0, 0.5, 0.75])
+@pytest.mark.exhaustive("block_s", sample=[0.2, 0.8], full=[0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.0])
+@pytest.mark.exhaustive("phase", sample=[0.0, 0.75], full=[0.0, 0.5, 0.75])
 @pytest.mark.exhaustive("pause_s", sample=[None, 0.06], full=[None, 0.06, 0.11, 0.22])
 def test_a_blocked_reader_is_told_all_that_is_missing(
     name: str, block_s: float, phase: float, pause_s: float | None
