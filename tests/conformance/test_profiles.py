@@ -19,6 +19,8 @@ MADE_WRONG = {
     # Nothing that a host can write reaches their motor.
     "rplidar-a2-no-board": {"stands-at-the-end"},
     "rplidar-c1-fixed": {"stands-at-the-end"},
+    # Nobody names it here, so it is taken for an X2, which tells its speed in another way.
+    "ydlidar-tx8": {"reported-speed"},
 }
 
 
