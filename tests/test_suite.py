@@ -185,6 +185,17 @@ def test_the_suite_watches_every_test(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+def test_the_suite_ends_where_one_process_runs_it() -> None:
+    """What a test left open is closed then; workers of pytest-xdist are ended without."""
+    places = [ROOT / "tests" / name for name in ("network", "ros")]
+    ended = subprocess.run(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-n", "0", *places],
+        cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stdout
+
+
+@pytest.mark.long
 def test_no_test_looks_at_what_is_private() -> None:
     """By an import or a string; attributes are looked for by ruff (SLF001)."""
     named = r'(?:[sg]etattr|patch)\([^)]*"(?:[\w.]*\.)?_[a-z]\w*"'

@@ -58,7 +58,7 @@ class Arrived:
 
 
 class Session:
-    """A session of zenoh that does nothing but remember who subscribed."""
+    """A session of zenoh that does nothing but remember who subscribed, and closes once it is `released`."""
 
     info: Any
 
@@ -66,6 +66,7 @@ class Session:
         self.info = self
         self.receive: Callable[[Any], None] = print
         self.released = threading.Event()
+        self.released.set()  # what a test leaves open is closed when the process ends
         self.asked = 0
 
     def liveliness(self) -> Session:
@@ -275,6 +276,7 @@ class _Loop:
 async def test_leaving_a_router_that_does_not_respond_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.network.router.CLOSE_S", 0.02)
     session = Session()
+    session.released.clear()
     try:
         async with asyncio.timeout(30):
             await Bus(session, ROUTER).close()
