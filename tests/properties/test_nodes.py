@@ -80,7 +80,9 @@ def test_no_false_turn_and_hardly_a_node_of_wrong_phase(case: Case, harm: str, s
         for scan, turn in zip(scans, case.turns, strict=True):
             assert abs(len(scan) - len(turn)) <= 0.02 * len(turn)
     assert hits > 17 * seeds
-    assert kinds["wrong phase"] <= max(1, hits // 200)
+    # One added byte in five lies behind a first byte. Half of those have the check bit, and it is the lower half of
+    # an angle of which nothing else can be tested: with the beams, 31 of 360 degrees continue the node before.
+    assert kinds["wrong phase"] <= max(1, hits // 100)
     assert kinds["hit"] <= hits
     # A hit costs its node, and sometimes the one beside it.
     lost = seeds * len(case.packets) - kinds["genuine"]
