@@ -88,6 +88,20 @@ class Beginning:
         return sum([math.ceil(each) for each in turns if each >= 1 - NOISE]) if turns else math.inf
 
     @property
+    def has_gap(self) -> bool:
+        """Whether packets are missing in it.
+
+        If it is broken and has more packets than a whole one, an outage of almost one lies in it, behind which the
+        angle was only a little back.
+        """
+        whole = self.revolution_packets
+        return bool(self.lost) or (self.broken and self.packets >= max(MORE_THAN_ONE * whole, whole + 1))
+
+    def is_only_part(self, whole: float) -> bool:
+        """Whether it lacks more than its angles show, if a revolution has so many packets."""
+        return self.packets + self.lost < NEARLY_ALL * whole
+
+    @property
     def tells_time(self) -> bool:
         """Whether its samples tell when the next revolution begins, if no whole one is missing between the two."""
         return bool(self.spanned_ns) and not (self.broken or self.borrowed)
@@ -194,42 +208,29 @@ class RevolutionClock:
             self._be_anchor(here)
             return Passed(0, 0)
         elapsed = here.start_ns - anchor.start_ns
-        by_clock = self._missing_by_clock(here, elapsed)
+        share = here.number - anchor.number + here.over - anchor.over
         self._spanned_ns += last.spanned_ns if last is not None and last.tells_time else math.nan
         self._came_ns += 0.0 if last is None else last.came_ns
         if not self.usual_ns:
-            return Passed(0, several(by_clock))
-        share = here.number - anchor.number + here.over - anchor.over
+            return Passed(0, several(self._missing_by_clock(here, elapsed)))
         if last is None or is_new or self._was_wrong(last):
-            # Only now the speed is known: all revolutions since the anchor are counted.
-            unseen = math.floor(elapsed / here.revolution_ns - share + NOISE)
-            # None passes unseen while samples are measured: the rotor stood still, or was starting.
-            measured_ns = self._came_ns if math.isnan(self._spanned_ns) else self._spanned_ns
-            unseen = min(unseen, int((elapsed - measured_ns) / here.revolution_ns + NOISE))
-            # If too many were counted before, `unseen` is negative, and that many are left out later.
-            self._be_anchor(here, unseen, by_clock)
-            return Passed(max(0, unseen), several(by_clock))
-        # Revolutions that passed unseen had a speed between the one before and the one behind.
-        slower = own_ns / last.revolution_ns or 1.0
+            return self._all_since_anchor(here, elapsed, share)
         late_ns = elapsed - share * last.revolution_ns
         if not math.isnan(self._spanned_ns):
             # The rotor may change its speed; the time of a sample stays the same.
             late_ns = min(late_ns, elapsed - self._spanned_ns, key=abs)
+        # Revolutions that passed unseen had a speed between the one before and the one behind.
+        slower = own_ns / last.revolution_ns or 1.0
         late = late_ns / (last.revolution_ns * (1 + slower) / 2)
-        each, passed = last.revolution_packets, max(0, int(late + NOISE))
-        if here.packets + here.lost < NEARLY_ALL * each and here.read_ns and abs(late + 1) <= NOISE:
+        if here.read_ns and here.is_only_part(last.revolution_packets) and abs(late + 1) <= NOISE:
             # It begins a revolution too early, but time stamps are never early: a false angle ended the revolution
             # before too soon. If nearly all of it came, it is a revolution: doubled bytes had put a part before it.
             self._last = last
             return Passed(-1, 0)
+        passed = max(0, int(late + NOISE))
         self._hides += last.hides
-        # Broken and with more packets than a revolution has: an outage of almost one lies in it, behind which the
-        # angle was only a little back.
-        gap = last.lost or (last.broken and last.packets >= max(MORE_THAN_ONE * each, each + 1))
-        if passed and self._hides:
-            self._late_ns = (self._late_ns or 0) + here.read_ns
-            if not gap and self._late_ns < self._least_late * here.revolution_ns:
-                return Passed(0, 0)
+        if passed and self._hides and self._may_be_read_late(here, last):
+            return Passed(0, 0)
         # What cannot hide in silences did not pass: the rotor was slow or stood still.
         unseen, lost = int(min(passed, self._hides)), 0
         if unseen < passed or (last.broken and not passed):
@@ -237,18 +238,35 @@ class RevolutionClock:
             due_ns = elapsed if passed else min(elapsed, share * last.revolution_ns)
             lost = several(self._missing_by_clock(here, due_ns))
         elif unseen:
+            each = last.revolution_packets
             fewest, most = sorted((round(unseen * each), round(unseen * each * slower)))
             # If little came of a broken revolution, what is missing in it may already be counted.
-            is_counted = last.broken and (gap or last.packets < NEARLY_ALL * each)
-            lost = min(max(by_clock, 0 if is_counted else fewest), most)
+            is_counted = last.broken and (last.has_gap or last.is_only_part(each))
+            lost = min(max(self._missing_by_clock(here, elapsed), 0 if is_counted else fewest), most)
         if here.broken and not passed:
             # It began when it was due. All packets that came of it may lie behind an outage, or be late.
             here.start_ns -= round(max(0.0, late_ns))
-        left = self._hides - unseen
-        self._be_anchor(here, unseen, lost)
         # A silence that hid some may have hidden more: the next beginning may show them.
-        self._hides = left if unseen else 0.0
+        left = self._hides - unseen if unseen else 0.0
+        self._be_anchor(here, unseen, lost)
+        self._hides = left
         return Passed(unseen, lost)
+
+    def _all_since_anchor(self, here: Beginning, elapsed: float, share: float) -> Passed:
+        """Count all revolutions since the anchor: only now the speed is known."""
+        by_clock = self._missing_by_clock(here, elapsed)
+        unseen = math.floor(elapsed / here.revolution_ns - share + NOISE)
+        # None passes unseen while samples are measured: the rotor stood still, or was starting.
+        measured_ns = self._came_ns if math.isnan(self._spanned_ns) else self._spanned_ns
+        unseen = min(unseen, int((elapsed - measured_ns) / here.revolution_ns + NOISE))
+        # If too many were counted before, `unseen` is negative, and that many are left out later.
+        self._be_anchor(here, unseen, by_clock)
+        return Passed(max(0, unseen), several(by_clock))
+
+    def _may_be_read_late(self, here: Beginning, last: Beginning) -> bool:
+        """Whether a beginning that is late by whole revolutions may yet have been read late only."""
+        self._late_ns = (self._late_ns or 0) + here.read_ns
+        return not last.has_gap and self._late_ns < self._least_late * here.revolution_ns
 
     def _missing_by_clock(self, here: Beginning, elapsed: float) -> int:
         """Packets missing since the anchor beyond those known, by the time of one; negative if more are known."""
