@@ -16,7 +16,7 @@ from lidario.families.registry import family_named
 from lidario.port.simulated import connect_in_memory
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import introduce
-from tests.support.devices import Rig, both_families, hears_only, left_still, make_rig, names
+from tests.support.devices import EVERY_KIND, Rig, both_families, hears_only, left_still, make_rig, names
 from tests.support.loop import DrivenLoop, driven_loop
 from tests.support.times import cancelled
 
@@ -163,4 +163,23 @@ def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int, monkeypatch: 
         loop.run_until_complete(main())
     gc.collect()
     assert next(written) >= 2
+    assert left_still(rig)
+
+
+@pytest.mark.parametrize("kind", EVERY_KIND)
+def test_letting_go_blocks_for_80_ms_at_most(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As docs/architecture.md says. A device that needs a longer pause behind STOP acknowledges that."""
+    loop, rig = DrivenLoop(), make_rig(kind)
+    monkeypatch.setattr("lidario.port.port.time.sleep", loop.block)
+
+    async def main() -> float:
+        lidar = await rig.open()
+        stream = lidar.scans()
+        await anext(stream)
+        return loop.time()
+
+    with closing(loop):
+        began = loop.run_until_complete(main())
+    gc.collect()
+    assert loop.time() - began <= 0.08
     assert left_still(rig)

@@ -291,8 +291,7 @@ class Dialogue(Intake, Waiting):
         data = b"".join(request.data for request in (*last, *requests))
         dtr = next((request.dtr for request in last if request.dtr is not None), None)
         # As in `Stopper`, nothing may show whether the device has heard them. Then they are written twice.
-        unseen = data and not any(request.acknowledged for request in requests)
-        again_s = max((request.settle for request in requests), default=0.0) if unseen else 0.0
+        again_s = max((request.settle for request in requests if not request.acknowledged), default=0.0)
         self.port.abandon(data, self._readiness.free_at(patient_until), dtr, again_s)
 
     def settled(self, still: bool) -> None:
