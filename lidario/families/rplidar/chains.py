@@ -226,8 +226,6 @@ def _likely(raw: NDArray[np.uint8], last: Heading | None, mark: int | None) -> N
 
 
 def _within(difference: NDArray[np.int32], least: int, most: int) -> NDArray[Any]:
-    """Where the difference of two angles below 360 degrees lies from `least`, a negative number, to `most`."""
-    inside = (difference >= least) & (difference <= most)
-    inside |= difference <= most - FULL_TURN_Q6
-    inside |= difference >= least + FULL_TURN_Q6
+    """Where the difference of two angles lies from `least`, a negative number, to `most`."""
+    inside: NDArray[Any] = (difference - least) % FULL_TURN_Q6 <= most - least
     return inside
