@@ -210,7 +210,8 @@ class RevolutionClock:
         elapsed = here.start_ns - anchor.start_ns
         share = here.number - anchor.number + here.over - anchor.over
         self._spanned_ns += last.spanned_ns if last is not None and last.tells_time else math.nan
-        self._came_ns += 0.0 if last is None else last.came_ns
+        if last is not None:
+            self._came_ns += last.came_ns
         if not self.usual_ns:
             return Passed(0, several(self._missing_by_clock(here, elapsed)))
         if last is None or is_new or self._was_wrong(last):

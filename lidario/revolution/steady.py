@@ -17,7 +17,7 @@ from operator import itemgetter
 
 from lidario.families.base import Samples, Stream
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
-from lidario.revolution.clock import FEWEST_PACKETS, NOISE, Beginning, RevolutionClock
+from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
 from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
 from lidario.revolution.incoming import Clock, Incoming
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
@@ -84,9 +84,7 @@ class SteadyAssembler:
             # If it is not steady, `Assembler` ends it with the same samples.
             samples = self._decoded = self._decode(partial, packets, splits[0], following, room)
             decoder = self._decoder
-        # Among a few packets of varying size, even the longest one may be short.
-        is_little = packets.count < FEWEST_PACKETS and wire.shortest != wire.longest
-        if samples is None or not samples.is_steady or is_little:
+        if samples is None or not samples.is_steady:
             return []
         reads = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
         if last > first:
