@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from lidario.families.irobotix.simulated import pack_measurement as irobotix
 from lidario.families.ldrobot import TALKERS as LDROBOT
 from lidario.families.neato import TALKERS as NEATO
 from lidario.families.neato.simulated import pack_packet as neato
+from lidario.families.registry import family_of_simulated
 from lidario.families.talking import TalkingDevice, TalkingModel
 from lidario.families.ydlidar.models import MODELS as YDLIDAR
 from lidario.model import Health, HealthStatus
@@ -60,6 +62,16 @@ def facts(model: TalkingModel) -> tuple[int, int, float]:
 @pytest.mark.parametrize("family", SHEET)
 def test_each_has_the_line_the_rate_and_the_reach_of_the_sheet(family: str) -> None:
     assert {name: facts(model) for name, model in FAMILIES[family].models.items()} == SHEET[family]
+
+
+@pytest.mark.parametrize("family", SHEET)
+def test_so_has_the_simulated_device_of_each(family: str) -> None:
+    for name, (baudrate, rate, metres) in SHEET[family].items():
+        model = f"{family}-{name.replace('-', '')}"
+        device: Any = family_of_simulated(model).simulate(model, seed=3)
+        of = device.profile
+        assert (of.baudrate, of.rate) == (baudrate, rate), model
+        assert not metres or of.reach_mm[1] == 1000 * metres, model
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -69,10 +69,10 @@ def test_noise_before_the_answer_is_counted_and_hides_nothing(noise: bytes) -> N
 
 def test_a_claimed_size_too_large_is_never_waited_for() -> None:
     link = waiting(get_lidar_conf(Conf.MODE_NAME, 0))
-    for claim in ("A55A45000000 20", "A55AFFFFFF3F20", "A55A0300000020"):
+    for claim in ("A55A0401000020", "A55AFFFFFF3F20", "A55A0300000020"):
         receive(link, bytes.fromhex(claim) + bytes(100))
         assert link.buffered == 0
-    value = Conf.MODE_NAME.to_bytes(4, "little") + b"n" * 64
+    value = Conf.MODE_NAME.to_bytes(4, "little") + b"n" * 255
     assert receive(link, pack_response(0x20, value)) == [Response(value)]
 
 
