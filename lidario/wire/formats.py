@@ -101,7 +101,7 @@ class StreamFormat(ABC):
     def __init__(self) -> None:
         self._in_step = True
         # Used while out of step; both count from the place given to `next_stretch`. First: where the last real
-        # packet ends. Second: where the last intact packet without proof ends.
+        # packet ends, or a damaged one in line with it. Second: where the last intact packet without proof ends.
         self._last_end = self._other_end = 0
 
     @classmethod
@@ -227,9 +227,11 @@ class StreamFormat(ABC):
                 if proof:
                     self._in_step = True
                     return place
-            elif size != NO_PACKET and self._due_in(place - at, self._last_end) == 0 and self.mend(data, place):
-                self._in_step = True
-                return place
+            elif size != NO_PACKET and self._due_in(place - at, self._last_end) == 0:
+                if self.mend(data, place):
+                    self._in_step = True
+                    return place
+                self._last_end = place + size - at
             place += 1
 
     def _due_in(self, way: int, end: int) -> int | None:
