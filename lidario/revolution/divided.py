@@ -61,6 +61,7 @@ class DividedRevolution:
     wire: StreamFormat  # the format of its packets
     parts: InitVar[tuple[int, ...]]  # how many sectors a revolution is divided into, for each size
     decoder: Decoder  # decodes its pieces
+    usual_ns: float  # time of a revolution; 0 if unknown
     offset_deg: float  # zero-angle offset of all its sectors
     doubted: bool = False  # as `is_doubted`, of the revolution before, if that was broken
     usual_samples: float = 0.0  # samples of a revolution, by the latest speed that was certain; 0 if unknown
@@ -179,7 +180,7 @@ class DividedRevolution:
                 found = [packets.arrivals[-1][1] - (earlier + ends[-1] - 1) * self.sample_ns]
             self.first_ns = min(self.first_ns, *found)
             # If whole revolutions passed unseen, these packets belong to another one, as in `EndedRevolution`.
-            turn_ns = usual_samples * self.sample_ns
+            turn_ns = self.usual_ns or usual_samples * self.sample_ns
             gap = self.gap or samples.lost > samples.lost_behind
             self.certain &= not (turn_ns and hides_a_turn(found[-1] - self.first_ns, turn_ns, gap=gap))
             # If half a turn more is missing than the angles passed, they fell back: a part of another revolution is
@@ -287,7 +288,7 @@ class DividedRevolution:
 
     def whole(self) -> Samples | None:
         """The ended revolution, as `Decoder.decode` gives it; None if its pieces do not tell all of it."""
-        if not all(piece.is_steady for piece in self.decoded):
+        if not self.certain or self.unseen or not all(piece.is_steady for piece in self.decoded):
             return None
         found, arrays = list[int](), self.all_samples()
         turns = sample_turns = told = told_rpm = 0.0

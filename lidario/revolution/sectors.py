@@ -120,8 +120,10 @@ class SectorAssembler(Assembler):
         if not sure or partial.seam is None or not sample_ns:
             return None
         began = first & HEADING_MASK if first & BEGINS else partial.seam
-        offset_deg = self._stream.zero_offset_deg
-        here = DividedRevolution(partial, began, wire, self._parts, self._decoder.fork(), offset_deg, self._doubted)
+        offset_deg, usual_ns = self._stream.zero_offset_deg, self._clock.usual_ns
+        here = DividedRevolution(
+            partial, began, wire, self._parts, self._decoder.fork(), usual_ns, offset_deg, self._doubted
+        )
         if before is not None:
             here.usual_samples, here.by_speed_ns = before.usual_samples, before.by_speed_ns
         if here.samples:
