@@ -78,6 +78,20 @@ def test_noise_in_place_of_each_second_packet_costs_no_more_than_their_loss(case
     assert sum(map(len, noisy.scans)) >= 0.45 * sum(map(len, case.turns))
 
 
+@one_a_parser([case for case in PACKET_CASES if case.response_type != 0x83])  # it is repaired
+def test_a_lone_packet_behind_a_row_of_damaged_ones_is_believed(case: Case) -> None:
+    """Each of them shows where the next one is due; the header of the one behind it is lost."""
+    first, lone = settled(case, 2), settled(case, 17)
+    hit = [*range(first, lone), lone + 1]
+    packets = list(case.packets)
+    for number in hit:
+        damaged_packet = bytearray(packets[number])
+        damaged_packet[0 if number > lone else -1] ^= 0xFF
+        packets[number] = bytes(damaged_packet)
+    accepted, _ = accepted_by_place(case, b"".join(packets))
+    assert accepted == [number for number in range(len(packets)) if number not in hit]
+
+
 @pytest.mark.long
 @one_a_parser(PACKET_CASES)
 def test_a_truncated_packet_costs_itself(case: Case) -> None:

@@ -192,6 +192,14 @@ def test_losses_of_a_rotor_that_stands_are_told_by_the_time_there_was(name: str)
     assert found.overlap_ms < 60
 
 
+@pytest.mark.parametrize("name", ["0x82 A1", "0x84 A3", "0x85 C1", "LD19"])
+def test_what_came_before_and_behind_a_stand_is_not_one_sector_where_most_is_lost(name: str) -> None:
+    found = _scored(name, "standing for 0.5 s, 60 % gone", "sectors")
+    assert found.wrong == 0
+    assert found.times_off_ms is not None
+    assert found.times_off_ms[1] < 60
+
+
 @every_format
 def test_of_a_rotor_that_stands_so_long_that_the_revolution_is_given_up_time_tells_what_is_lost(name: str) -> None:
     """But for the part behind, which ends where the rotor has turned: there only angles do."""
