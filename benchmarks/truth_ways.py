@@ -88,7 +88,7 @@ def _live(pipeline: Pipeline, line: Line, reads: list[tuple[int, int]], ends: ND
         arrivals = [(place - begin, at) for place, at in piece[:-1]]
         scans += pipeline.receive(line.data[begin:until].tobytes(), now, arrivals)
         first, begin = end, until
-    pipeline.end()
+    pipeline.assembler.end()
     return Received(scans, pipeline.stats, pipeline.link.stats.packets)
 
 

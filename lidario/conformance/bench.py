@@ -27,8 +27,8 @@ from lidario.session.finding.discovery import find_source, search_for
 from lidario.session.finding.reconnect import Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S
-from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import healthy
+from lidario.session.talking.play import play
 from lidario.sim.device import SimulatedDevice
 from lidario.source import Source, as_source
 from lidario.wire.envelope import Request

@@ -127,7 +127,7 @@ class RawDecoder:
         return left
 
     def _end(self) -> list[Scan]:
-        left = [] if self._pipeline is None else self._pipeline.end()
+        left = [] if self._pipeline is None else self._pipeline.assembler.end()
         self._began = self._pipeline = None
         return left
 

@@ -13,7 +13,7 @@ cause of the `DeviceLost` that the receiver is told.
 import asyncio
 from collections.abc import Callable
 from math import radians
-from typing import Final, TypeVar
+from typing import Final
 from weakref import WeakValueDictionary
 
 from lidario.errors import ConnectFailed, DeviceLost
@@ -31,7 +31,6 @@ from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual
 from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 
-T = TypeVar("T")
 _SERVERS: Final = {"pty": PtyServer, "tcp": TcpServer, "udp": UdpServer}
 
 
@@ -201,53 +200,27 @@ class MemoryTransport(Line):
 
     def set_polling(self, schedule: Schedule | None) -> None:
         self._schedule = schedule
-        self._wait(self._port.now())
+        self._tell()
 
     def poll(self) -> None:
         self._deliver()
 
-    def _tell(self, does: Callable[[int], None]) -> None:
-        """Something reaches the device, which may have something to send then."""
-        now = self._port.now()
-        self._of_device(does, now)
-        self._wait(now)
-
-    def _deliver(self) -> None:
-        """Hand over what the device has sent."""
-        if self._port.is_forked:
-            return
-        now = self._port.now()
-        try:
-            if data := self._of_device(self._read, now):
-                self._port.data_received(data, now)
-        finally:
-            # Only now the schedule knows when what comes next is needed.
-            self._wait(self._port.now())
-
-    def _read(self, now: int) -> bytes:
-        data = self._line.read(now)
-        if self._line.unplugged(now):
-            self.end(OSError("the line was unplugged"))
-            return b""
-        return data
-
-    def _of_device(self, does: Callable[[int], T], now: int) -> T | None:
-        """What the device does now; where it fails, the line ends."""
-        if self.is_closing:
-            return None
-        try:
-            return does(now)
-        except Exception as error:
-            self.end(_failed(self._port.name, error))
-            return None
-
-    def _wait(self, now: int) -> None:
-        """Read the device when it next has something to send that is needed, and at most once a tick."""
+    def _tell(self, does: Callable[[int], None] | None = None) -> None:
+        """Something reaches the device; it is read when it next has something to send that is needed."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        due_ns = self._of_device(self._line.wakeup, now)
-        if due_ns is None or self.is_closing or self._loop.is_closed():
+        if self.is_closing:
+            return
+        now = self._port.now()
+        try:
+            if does is not None:
+                does(now)
+            due_ns = self._line.wakeup(now)
+        except Exception as error:
+            self.end(_failed(self._port.name, error))
+            return
+        if due_ns is None or self._loop.is_closed():
             return
         now_s, pause = now * 1e-9, TICK_S
         if (schedule := self._schedule) is not None:
@@ -255,6 +228,26 @@ class MemoryTransport(Line):
             until = min(schedule.due - now_s, ALONE_SHARE * schedule.buffer_s)
             pause = max(pause, until if until > 0 else schedule.latency)
         self._timer = self._loop.call_at(max(due_ns * 1e-9, now_s + pause), self._deliver)
+
+    def _deliver(self) -> None:
+        """Hand over what the device has sent."""
+        if self._port.is_forked or self.is_closing:
+            return
+        now = self._port.now()
+        try:
+            data = self._line.read(now)
+            if self._line.unplugged(now):
+                self.end(OSError("the line was unplugged"))
+                return
+        except Exception as error:
+            self.end(_failed(self._port.name, error))
+            return
+        try:
+            if data:
+                self._port.data_received(data, now)
+        finally:
+            # Only now the schedule knows when what comes next is needed.
+            self._tell()
 
     def end(self, error: Exception | None) -> None:
         """Have the port told that the line is gone; harmless when done before."""

@@ -91,7 +91,7 @@ class FileDecoder:
         if pipeline is None:
             return []
         self._count(pipeline.link.stats)
-        return pipeline.end()
+        return pipeline.assembler.end()
 
     def _count(self, found: LinkStats) -> None:
         self.skipped_bytes += found.skipped_bytes

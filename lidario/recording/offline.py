@@ -138,7 +138,7 @@ class UntimedScans:
         """The scans of all bytes of the stream, in blocks of at most `BLOCK` bytes."""
         for block in blocks:
             yield from map(self._in_time, self.pipeline.receive(block))
-        yield from map(self._in_time, self.pipeline.end())
+        yield from map(self._in_time, self.pipeline.assembler.end())
 
     def _in_time(self, scan: Scan) -> Scan:
         """The scan, not before the one before has ended: packets that are missing without a trace took time too."""

@@ -176,21 +176,23 @@ class Assembler(SteadyAssembler):
             The revolutions that were complete among packets that waited.
         """
         scans = list[Scan]()
-        if (late := self.incoming.late()) is not None:
+        late, odd = self.incoming.end()
+        if late is not None:
             if self._under_way:
                 # The packets before them were not processed either.
                 self.stats.discarded_packets += late[0].count
             else:
                 scans = [scan for some in self._ends_in(*late) for scan in some]
         self.ended += 1
-        if (odd := self.incoming.odd()) is not None:
+        if odd is not None:
             Assembler._keep(self, odd, ())
         self._discard()
         return scans
 
     def _discard(self) -> None:
         """Discard the revolution in the making; the packets missing in it are counted all the same."""
-        if (packets := self.partial.packets()) is not None:
+        # A single packet shows no gap.
+        if self.stats.unfinished_packets > 1 and (packets := self.partial.packets()) is not None:
             self.stats.lost_packets += (self._decoded or self._decoder.decode(packets, None)).lost
         self._decoded = None
         self.stats.finish(self.stats.unfinished_packets, delivered=False)

@@ -71,14 +71,14 @@ class Incoming:
         event, headings = self._false.drop(event, headings) if event.data else (event, headings)
         return (self._clock.dated(event), headings) if event.data else None
 
-    def late(self) -> tuple[Packets, Headings] | None:
-        """The stream has ended: release the packets that wait, as `take`. Nothing showed that the line was late."""
-        waited = None if self._pauses is None else self._pauses.left()
-        return None if waited is None else self._true(waited)
+    def end(self) -> tuple[tuple[Packets, Headings] | None, Packets | None]:
+        """The stream has ended: release the packets that wait, as `take`, and the one that may be false.
 
-    def odd(self) -> Packets | None:
-        """The stream has ended: release the packet that may be false. It is taken as true."""
-        return self._false.left()
+        Nothing showed that the line was late. The last packet is taken as true.
+        """
+        waited = None if self._pauses is None else self._pauses.left()
+        late = None if waited is None else self._true(waited)
+        return late, self._false.left()
 
     def read_at(self, event: Packets, number: int) -> int:
         """Arrival of the read that completed packet `number`; 0 if times were made from the samples."""

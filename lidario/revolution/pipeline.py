@@ -98,10 +98,6 @@ class Pipeline:
         """A sentence for the log about the time of a sample, given once; mostly empty."""
         return self.assembler.incoming.time.take_note()
 
-    def end(self) -> list[Scan]:
-        """The stream has ended: as `Assembler.end`."""
-        return self.assembler.end()
-
     def _parse(self, data: RawBytes, now: int, arrivals: Sequence[Arrival]) -> list[Packets]:
         self.link.receive_data(data, now, arrivals)
         return [event for event in self.link.events_received() if isinstance(event, Packets)]

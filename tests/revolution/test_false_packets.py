@@ -123,7 +123,7 @@ def test_amid_damage_the_bytes_that_were_skipped_tell_where_it_belongs(
     for begin in range(0, len(data), size):
         last = min(begin + size, len(data)) // 84 - 1
         scans += pipeline.receive(data[begin : begin + size], round(on_time(max(0, last))))
-    pipeline.end()
+    pipeline.assembler.end()
     assert pipeline.stats.false_packets == 1
     assert len(scans) == 4
     for number in numbers(scans):
@@ -141,7 +141,7 @@ def test_a_text_within_packets_makes_none_behind_them_false(text: int, packets: 
     data = [packet[:50] + b"x" * text + packet[50:] if at in told else packet for at, packet in enumerate(clean)]
     pipeline = Pipeline(stream_of(DENSE), BAUD)
     pipeline.receive(b"".join(data), round(on_time(len(clean))))
-    pipeline.end()
+    pipeline.assembler.end()
     assert (pipeline.stats.false_packets, pipeline.stats.lost_packets) == (0, len(told))
 
 
@@ -168,7 +168,7 @@ def test_where_a_rotor_stands_amid_damage_none_is_false() -> None:
     pipeline = Pipeline(stream_of(DENSE), BAUD, stats=stats)
     for at, part in enumerate([moving + 7 * spoilt, still + 16 * spoilt, still + spoilt, still, still]):
         pipeline.receive(part, (at + 1) * 20_000_000)
-    pipeline.end()
+    pipeline.assembler.end()
     assert (stats.false_packets, pipeline.link.stats.packets) == (0, 34)
 
 

@@ -146,7 +146,7 @@ def test_packets_that_wait_when_the_stream_ends_are_judged_as_they_came(name: st
     for each in cut, whole:
         assert [scan for scans in each.late() for scan in scans]
         assert each.pipeline.stats.waiting_packets > 0
-    cut.pipeline.end()
+    cut.pipeline.assembler.end()
     while whole.pipeline.stats.waiting_packets:
         whole.pipeline.receive(whole.come(POLL_S), round(whole.now * 1e9))
     stats = cut.pipeline.stats
@@ -167,7 +167,7 @@ def test_nothing_is_told_of_those_that_wait_behind_packets_that_were_not_looked_
         # Garbage.
         steps = iter(())
     assert stream.pipeline.stats.waiting_packets > 0
-    assert not [*stream.pipeline.end(), *steps]
+    assert not [*stream.pipeline.assembler.end(), *steps]
     stats = stream.pipeline.stats
     assert (stats.waiting_packets, stats.unfinished_packets) == (0, 0)
     assert (stats.lost_packets, stats.missed_scans) == (0, 0)

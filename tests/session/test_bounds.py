@@ -193,7 +193,7 @@ class Taken(Intake):
 def intake_on(clock: Callable[[], int], full_reads: int = 0) -> Taken:
     """A stream runs."""
     late = SimpleNamespace(overflow_bytes=0, full_reads=full_reads)
-    intake = Taken(cast("Port", SimpleNamespace(now=clock, errors=LineErrors(), late=late)))
+    intake = Taken(cast("Port", SimpleNamespace(now=clock, is_real_time=False, errors=LineErrors(), late=late)))
     intake.link.enter_stream(DenseFormat())
     return intake
 
@@ -209,7 +209,7 @@ def slow_intake() -> Taken:
 async def test_reads_that_found_the_buffer_of_the_system_full_are_counted() -> None:
     """By the port, which may have counted some before."""
     late = SimpleNamespace(overflow_bytes=0, full_reads=2)
-    intake = Taken(cast("Port", SimpleNamespace(now=lambda: 0, errors=LineErrors(), late=late)))
+    intake = Taken(cast("Port", SimpleNamespace(now=lambda: 0, is_real_time=False, errors=LineErrors(), late=late)))
     told = list[int]()
     for late.full_reads in (2, 3, 3, 5):
         intake.data_received(b"", 0)

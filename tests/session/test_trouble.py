@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lidario import DeviceLost, InternalError, ResponseTimeout, Scan, open_lidar
+from lidario.revolution.assemble import Assembler
 from lidario.revolution.ended import EndedRevolution
-from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.seam import Seam
 from tests.support.cable import cable_to
 from tests.support.devices import Rig, end_of, leave_streaming, left_still, make_rig, scanning
@@ -77,12 +77,12 @@ async def test_a_mistake_of_lidario_at_the_end_of_a_stream_leaves_the_device_sti
 ) -> None:
     """What waits is judged when a stream ends, and the stop requests come behind that."""
 
-    def fails(_: Pipeline) -> list[Scan]:
+    def fails(_: Assembler) -> list[Scan]:
         raise IndexError("a bug")
 
     lidar = await rig.open()
     async with scanning(lidar):
-        monkeypatch.setattr(Pipeline, "end", fails)
+        monkeypatch.setattr(Assembler, "end", fails)
         if how == "stops":
             await lidar.stop()
         elif how == "closes":

@@ -141,7 +141,7 @@ class Running:
         self._watchdog = self._keepalive = None
         self._dialogue.port.set_polling(None)
         try:
-            for scan in self._pipeline.end():
+            for scan in self._pipeline.assembler.end():
                 self._hub.publish(scan)
         except Exception as error:  # the stop requests come behind this
             mistake_of_ours("lidario failed when a stream ended", error)

@@ -34,8 +34,8 @@ from lidario.session.streaming.running import Failure
 from lidario.session.streaming.starter import Starter
 from lidario.session.streaming.states import State
 from lidario.session.streaming.stream import Mailbox
-from lidario.session.talking.dialogue import play
 from lidario.session.talking.handshake import come_back
+from lidario.session.talking.play import play
 
 T = TypeVar("T")
 

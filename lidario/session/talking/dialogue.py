@@ -9,7 +9,7 @@ bytes in `Intake`.
 """
 
 import math
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
 import anyio
@@ -18,6 +18,7 @@ from lidario.errors import LidarError, ResponseTimeout, SessionClosed, StreamFai
 from lidario.families.base import Device, Script, Timing
 from lidario.port.port import Port
 from lidario.session.talking.intake import Intake
+from lidario.session.talking.play import play
 from lidario.session.talking.readiness import CLOCK_S, Readiness
 from lidario.session.talking.stopper import PATIENCE_S, Stopper
 from lidario.session.talking.trouble import mistake_of_ours, twin_of
@@ -30,34 +31,6 @@ T = TypeVar("T")
 RESPONSE_S = 0.02
 """Time in which a healthy device has responded."""
 _AWAITING = LinkState.AWAIT_RESPONSE
-
-
-async def play(script: Script[T], ask: Callable[[Request], Awaitable[bytes]], first: Request | None = None) -> T:
-    """Play `script` to its end: each request that it yields is asked, and the payload is sent back into it.
-
-    `first` is its first request, where it was advanced to that one already. A ResponseTimeout of `ask` is raised in
-    the script. Cancelling closes it.
-
-    Returns:
-        The result of the script.
-
-    Raises:
-        Whatever the script raises, and what `ask` raises unless the script catches it.
-    """
-    try:
-        request = next(script) if first is None else first
-        while True:
-            try:
-                payload = await ask(request)
-            except ResponseTimeout as timeout:
-                request = script.throw(timeout)
-            else:
-                request = script.send(payload)
-    except StopIteration as stop:
-        result: T = stop.value
-        return result
-    finally:
-        script.close()
 
 
 class Dialogue(Intake, Waiting):
@@ -87,7 +60,8 @@ class Dialogue(Intake, Waiting):
     # ------------------------------------------------------------------------------------------------ receiving
 
     def responded(self, payload: bytes) -> None:
-        self._readiness.responded()
+        readiness = self._readiness
+        readiness.has_responded, readiness.took_s = True, self._loop.time() - readiness.asked_at
         if self.stopper.asks:
             self.stopper.answered()
         else:
@@ -102,7 +76,11 @@ class Dialogue(Intake, Waiting):
                 self.wake(Awaited.CHANGE)
             if self.stopper.wanted:
                 self.stopper.try_now()
-            elif self.link.state is not LinkState.STREAMING and self.reset_at is None:
+            elif (
+                self.link.state is not LinkState.STREAMING
+                and self._heard_at >= self.stopper.again_at
+                and self.stats.stray_bytes + self.stats.drained_bytes > self.stopper.unasked_limit
+            ):
                 self.stopper.heard_unasked()
 
     def mistaken(self, error: Exception, when: str = "at what the device sent") -> None:
@@ -337,13 +315,16 @@ class Dialogue(Intake, Waiting):
         while True:
             if self._ends is not None:
                 raise twin_of(self._ends)
-            now, until = self._loop.time(), self._readiness.next_question_at()
+            now, readiness = self._loop.time(), self._readiness
+            if self.link.state is _AWAITING and readiness.due - now <= CLOCK_S:
+                readiness.give_up()
+            owes = self.link.state is _AWAITING
+            until = readiness.due if owes else readiness.listens_at
             # Where the line's speed is being measured, they wait for that.
-            stops = self.stopper.wanted and not self._readiness.measures_speed
+            stops = self.stopper.wanted and not readiness.measures_speed
             if stops:
                 until = now + PATIENCE_S
-            elif not until:
+            elif until - now <= CLOCK_S:
                 return
             # What is received does not shorten a pause that the device demands.
-            busy = stops or self.link.state is _AWAITING
-            await self.wait(until - now, Awaited.CHANGE if busy else Awaited.TIME)
+            await self.wait(until - now, Awaited.CHANGE if stops or owes else Awaited.TIME)

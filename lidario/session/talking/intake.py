@@ -7,6 +7,7 @@ Between the descriptor of a stream and the moment at which its reader is named l
 Packets that come meanwhile are kept, so that a stream does not lose its first revolution.
 """
 
+import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -41,7 +42,7 @@ class Intake(ABC):
         self.link: Link = Link()  # the parser of what it receives
         self.stats: LinkStats = self.link.stats  # its counters, also of packets that nobody has read
         self.chronicle: Chronicle = Chronicle()  # what happened so far, for recordings
-        self._turns = Turns(port.now, self.mistaken)
+        self._turns = Turns(time.monotonic_ns if port.is_real_time else port.now, self.mistaken)
         self._early: deque[Packets] = deque()
         self._errors_before = port.errors
         self._overflow, self._full_reads = port.late.overflow_bytes, port.late.full_reads

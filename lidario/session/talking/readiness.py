@@ -63,10 +63,6 @@ class Readiness:
         self.asked_at = self._loop.time()
         self.due = self.asked_at + timeout
 
-    def responded(self) -> None:
-        """The device has responded to the question."""
-        self.has_responded, self.took_s = True, self._loop.time() - self.asked_at
-
     def miss(self) -> None:
         """The response to the last question was waited for in vain."""
         self.silent_since = self.silent_since or self.asked_at
@@ -98,11 +94,3 @@ class Readiness:
         if self._link.state is not _AWAITING:
             return self.listens_at
         return max(self.listens_at, min(self.due, patient_until))
-
-    def next_question_at(self) -> float:
-        """When the next question may be written, 0 for now. Gives up a response that is overdue."""
-        now = self._loop.time()
-        if self._link.state is _AWAITING and self.due - now <= CLOCK_S:
-            self.give_up()
-        until = self.due if self._link.state is _AWAITING else self.listens_at
-        return until if until - now > CLOCK_S else 0.0

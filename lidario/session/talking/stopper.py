@@ -89,10 +89,10 @@ class Stopper:
         self._late_until = 0.0
         self._has_answered = False  # whether it has responded behind them
         self.why: str = SILENT  # why it was not seen still the last time
-        # Bytes that came unasked before the last request; from when on the device is stopped for those that come
-        # behind it, and whether it was.
-        self._unasked = 0
-        self._again_at = math.inf
+        # Stray and drained bytes in all, beyond which more than noise has come unasked since the last request; from
+        # when on the device is stopped for that, on the loop's clock, and whether it was.
+        self.unasked_limit: int = UNASKED
+        self.again_at: float = math.inf
         self._stopped_again = False
         self._doubtful = self._hanging_up = False
         self._patient = True
@@ -137,10 +137,11 @@ class Stopper:
 
         Queries do not. Nor does a reset; but not every motor is switched off by one, and it may not be heard.
         """
-        self._unasked = self._dialogue.stats.stray_bytes + self._dialogue.stats.drained_bytes
+        stats = self._dialogue.stats
+        self.unasked_limit = stats.stray_bytes + stats.drained_bytes + UNASKED
         if request.stream is not None or (request.expects is None and not request.ends_stream):
             self.still, self._moved = False, True
-            self._again_at, self._stopped_again = math.inf, False
+            self.again_at, self._stopped_again = math.inf, False
 
     def stop(self) -> None:
         """Write the stop requests as soon as the device listens, now if it does. Never blocks or raises."""
@@ -152,17 +153,12 @@ class Stopper:
         self.try_now()
 
     def heard_unasked(self) -> None:
-        """Something came from a device at rest: where it is a stream, stop it if it hears requests."""
-        again = not self._stopped_again and self._loop.time() >= self._again_at
-        if (self.still or again) and self._came_unasked() and any(request.data for request in self.requests()):
+        """More than noise has come from a device at rest, `again_at` or later: stop it if it hears requests."""
+        if self._dialogue.reset_at is None and any(request.data for request in self.requests()):
             self.still = False
-            if again:
+            if not self._stopped_again:
                 self._stopped_again = True
                 self.stop()
-
-    def _came_unasked(self) -> bool:
-        """Whether more than noise has come since the last request."""
-        return self._dialogue.stats.stray_bytes + self._dialogue.stats.drained_bytes - self._unasked > UNASKED
 
     def try_now(self) -> None:
         """While they are wanted: write the stop requests if the device listens; else come back when it does.
@@ -182,7 +178,7 @@ class Stopper:
         """The device has responded to the question."""
         self.asks = False
         is_late, self._late_until = self._late_until > self._hearing.asked_at, 0.0
-        if self._came_unasked():
+        if self._dialogue.stats.stray_bytes + self._dialogue.stats.drained_bytes > self.unasked_limit:
             self._again(SENDS_ON)
             return
         if is_late:
@@ -336,7 +332,7 @@ class Stopper:
     def _settle(self, *, still: bool = True) -> None:
         self.cancel()
         self.wanted, self.still, self.asks = False, still, False
-        self._again_at = self._loop.time() + (0.0 if still else AGAIN_S)
+        self.again_at = self._loop.time() + (0.0 if still else AGAIN_S)
         if self._hanging_up:
             self._write_all(self.last_requests())
             self._port.close_soon()
