@@ -193,7 +193,7 @@ class Assembler(SteadyAssembler):
         """Discard the revolution in the making; the packets missing in it are counted all the same."""
         # A single packet shows no gap.
         if self.stats.unfinished_packets > 1 and (packets := self.partial.packets()) is not None:
-            self.stats.lost_packets += (self._decoded or self._decoder.decode(packets, None)).lost
+            self.stats.lost_packets += self._decoded.lost if self._decoded else self._decoder.lost(packets)
         self._decoded = None
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)
