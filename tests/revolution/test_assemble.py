@@ -99,16 +99,19 @@ def test_a_start_packet_that_is_missing_is_told_by_the_revolution_that_it_begins
     assert [bool(lost) for lost in told] == [bool(samples) for samples in missing]
 
 
-def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream_ends() -> None:
+@pytest.mark.parametrize(("count", "lost"), [(24 * 3, (50, 60, 61)), (51, (49,)), (51, ())])
+def test_what_is_missing_in_the_revolution_in_the_making_is_told_when_the_stream_ends(
+    count: int, lost: tuple[int, ...]
+) -> None:
     stats = AssemblerStats()
     assembler = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD, stats=stats)
-    packets, arrival = without(numbered(24 * 3, 960), 50, 60, 61)
+    packets, arrival = without(numbered(count, 960), *lost)
     for place, packet in enumerate(packets):
         assembler.add(arrived(packet, 1, round(arrival(place))))
     assert (stats.scans, stats.lost_packets) == (1, 0)
     for _ in range(2):
         assembler.end()
-        assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (3, 0, 0)
+        assert (stats.lost_packets, stats.broken_scans, stats.missed_scans) == (len(lost), 0, 0)
 
 
 @pytest.mark.parametrize(("away", "missed"), [(0.0, 1), (0.4, 1), (0.6, 1), (1.6, 2), (3.9, 4)])
