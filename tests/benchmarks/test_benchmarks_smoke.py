@@ -140,7 +140,7 @@ def test_of_capsules_of_which_each_second_is_lost_from_the_start_half_of_the_poi
 
 
 @pytest.mark.long
-@pytest.mark.exhaustive("name", sample=["2 bytes in 100 lost"], full=[*damage.DAMAGES, *damage.SCARCE])
+@pytest.mark.parametrize("name", [*damage.DAMAGES, *damage.SCARCE])
 def test_the_page_of_damage_shows_what_its_command_prints(name: str) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text(encoding="utf-8")
     told = re.search(rf"^#+ {name}\n\n((?:\|.*\n)+)", page, re.MULTILINE | re.IGNORECASE)

@@ -100,6 +100,7 @@ class NodeSteps(PacedTurning):
                 return Arcs(spans, None, total / count, certain=True)
             steps, missing = self._walk(spans, followed=followed)
         else:
+            before = self._typical
             steps, missing = self._walk(spans, followed=followed)
             if not self._certain:
                 # The rotor stands, or has just begun to turn: the mean of its steps shows no gap then.
@@ -107,6 +108,10 @@ class NodeSteps(PacedTurning):
             times = self._corrected(spans, arrivals, 1 + float(missing.mean()))
             if times != 1:
                 steps, missing = self._walk(spans, followed=followed)
+                self._strange = 0  # time has just said that these steps are gaps
+            elif self._strange >= STRANGE * SEVERAL and not self._time_may_tell:
+                self._typical, self._confirmed = before, False
+                steps, missing = self._walk(spans, followed=followed, anew=True)
             elif not missing.any():
                 self._note_close(count)
         skipped = missing if missing.any() else None
@@ -136,6 +141,11 @@ class NodeSteps(PacedTurning):
     @staticmethod
     def _is_ordinary(typical: float, shortest: int, longest: int) -> bool:
         return JITTER * typical < shortest and longest <= (1 + JITTER) * typical
+
+    @property
+    def _time_may_tell(self) -> bool:
+        """Whether too few reads have come as yet, but time passes between them."""
+        return self._packet_ns > 0 and self._time_passes and self._pace.measured(self._packet_ns) is None
 
     def _corrected(self, spans: Ints, arrivals: Sequence[Arrival], each: float) -> float:
         """Correct the ordinary step if time says that there were a multiple or a part of the nodes that it implies.
@@ -169,8 +179,8 @@ class NodeSteps(PacedTurning):
                 return times
         return 1.0
 
-    def _walk(self, spans: Ints, *, followed: bool) -> tuple[Steps, NDArray[np.intp]]:
-        """The ordinary step at each node, and how many nodes are missing behind it."""
+    def _walk(self, spans: Ints, *, followed: bool, anew: bool = False) -> tuple[Steps, NDArray[np.intp]]:
+        """The ordinary step at each node, and how many nodes are missing behind it; with `anew`, by steps alone."""
         rough = spans.astype(np.float64)
         known = (spans if followed else spans[:-1]).tolist()
         if not self._certain and known:
@@ -184,7 +194,7 @@ class NodeSteps(PacedTurning):
         slack = CHANGE * greatest + 2
         for number, chunk in enumerate(chunks):
             before, here = self._typical, slice(number * SEVERAL, (number + 1) * SEVERAL)
-            self._take(chunk, slack)
+            self._take(chunk, slack, anew=anew)
             steps[here] = self._typical
             # If the rotor slows down that fast, the first steps of the chunk are still as long as those before it.
             is_slowing = before - self._typical > CHANGE * before
@@ -197,18 +207,18 @@ class NodeSteps(PacedTurning):
                 steps[begin : begin + SEVERAL] = fmean(chunk)
         return steps, missing
 
-    def _take(self, spans: list[int], slack: float) -> None:
-        """Find the ordinary step of a few dozen steps, by the ordinary step before."""
+    def _take(self, spans: list[int], slack: float, *, anew: bool) -> None:
+        """Find the ordinary step of a few dozen steps, by the ordinary step before, or `anew`."""
         near = _near(spans, self._typical, max(self._typical / 2, slack))
         if len(near) >= CERTAIN_STEPS:
             # A rotor that stands shows no step: keep the last one.
             self._typical, self._strange = sum(near) / len(near) or self._typical, 0
             return
         middle, agreeing = _middle(spans)
-        if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans):
+        if agreeing < CERTAIN_STEPS or 2 * agreeing < len(spans) or middle <= 0:
             return
         self._strange += len(spans)
-        if self._strange >= STRANGE * SEVERAL and middle > 0:
+        if anew:
             self._typical, self._strange = middle, 0
 
     def _learn_first(self, spans: list[int]) -> None:

@@ -153,6 +153,20 @@ def test_steps_that_do_not_agree_are_no_other_speed() -> None:
     assert lost(rotation.follow(nodes_of(14))) == 140
 
 
+@pytest.mark.parametrize("reads", [1, 2, 50])
+def test_time_goes_on_telling_it_in_revolutions_of_many_nodes(reads: int) -> None:
+    """One has more of them than another step would need to be believed, if time said nothing."""
+    rotation, now, told = NodeSteps(TURN), 0, list[int]()
+    rotation.tell_time(31_250.0)
+    for _ in range(12):
+        arrivals = []
+        for end in range(1600 // reads, 1601, 1600 // reads):
+            now += 1600 // reads * 2 * 31_250
+            arrivals.append((end, now))
+        told.append(lost(rotation.follow(nodes_of(14, 1600), arrivals)))
+    assert told[3:] == [1600] * 9
+
+
 def test_another_speed_may_have_steps_that_scatter() -> None:
     rotation = NodeSteps(TURN)
     rotation.follow(nodes_of(7))
