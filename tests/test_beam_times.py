@@ -144,7 +144,7 @@ def without(case: Case, every: int) -> Iterator[tuple[Scan, list[tuple[int, Samp
         yield made, [(number[each.packet, each.index], each) for each in turn if each.packet in there]
 
 
-@pytest.mark.exhaustive("every", sample=[9], full=[0, 9, 40])
+@pytest.mark.exhaustive("every", sample=[9, 40], full=[0, 9, 40])
 @most_or_all(EVEN)
 def test_golden_samples_meet_the_times_of_their_beams(case: Case, every: int) -> None:
     """Also those around lost packets, of which every so many-th is one."""

@@ -68,5 +68,5 @@ def build_scan(
         seam=(stream.format.begin_deg + stream.zero_offset_deg) % 360.0,
         reported_rpm=reported_rpm,
         field_of_view=stream.format.field_deg,
-        _gaps=gaps if lost else None,
+        _gaps=gaps,
     )

@@ -175,7 +175,7 @@ class SectorAssembler(Assembler):
                 mode=mode.name,
                 max_range=mode.max_distance,
                 field_of_view=here.wire.field_deg,
-                _gaps=gaps if lost else None,
+                _gaps=gaps,
             )
             here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces), sector)
             self._publish_sector(count, sector)

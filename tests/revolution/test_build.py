@@ -20,7 +20,7 @@ DEVICE_ARRAYS = ("device_angles", "device_distances", "intensities")
 
 def built(lost: int = 0, zero_offset_deg: float = -90.0) -> Scan:
     arrays = SampleArrays(np.array([1, 2], np.float32), np.array([30, 0], np.float32), np.array([7, 8], np.uint8))
-    revolution = DatedRevolution(arrays, 5, 1e8, 2e8, 306.0, [(1, 40)])
+    revolution = DatedRevolution(arrays, 5, 1e8, 2e8, 306.0, [(1, 40)] if lost else None)
     stream = stream_of(CASES[0], zero_offset_deg=zero_offset_deg)
     return build_scan(stream, revolution, wall_ns=10, sample_ns=31250.4, seq=3, lost=lost)
 
