@@ -15,14 +15,12 @@ import anyio
 from lidario.errors import ConnectFailed, ResponseTimeout
 from lidario.families.base import Device, Family
 from lidario.port.diagnose import is_pseudo_terminal
-from lidario.port.port import Port
+from lidario.port.port import SENT_S, Port
 from lidario.session.finding.connection import Connection
 from lidario.session.finding.listening import ReceivedInSilence
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import RESPONSE_BYTES, introduce
 
-SENT_S = 0.02
-"""How long a request may be under way: some bytes, and an adapter that gathers them."""
 QUICK_S = 0.05
 """How long the first round waits for a response: a healthy device needs a few milliseconds, an adapter up to 16."""
 PROBE_S = 0.12
@@ -64,7 +62,7 @@ class Woken:
                 await anyio.sleep(SENT_S)
 
     def abandon(self) -> None:
-        """Stop them, also without a loop. It blocks for 20 ms for each of them, and is for finalizers."""
+        """Stop them, also without a loop. It blocks for 10 ms for each of them, and is for finalizers."""
         for _ in self._stop():
             time.sleep(SENT_S)
 
