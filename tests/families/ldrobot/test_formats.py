@@ -163,6 +163,13 @@ def packets_of(late_s: float, told: Callable[[Floats], Floats], rate: float) -> 
     return pack_points(np.full((600, 12), 1000), 100, way[:, 0], way[:, -1], speed=speed, milliseconds=at_ms)
 
 
+@pytest.mark.parametrize("rate", [2300, 4000, 4500, 5000])
+def test_while_the_rotor_speeds_up_the_rate_is_told_within_a_tenth_or_not_at_all(rate: int) -> None:
+    raw, many = packets_of(0.01, lambda seconds: 300 * seconds**2, rate), 24 * PacketFormat.layout.itemsize
+    told = [PacketFormat.samples_a_second(raw[at : at + many]) for at in range(0, len(raw) - many, many // 24)]
+    assert [each for each in told if each] == pytest.approx([rate] * len(told), rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("rate", "title"),
     [
