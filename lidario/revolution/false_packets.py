@@ -51,7 +51,7 @@ class FalsePackets:
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
         wire = stream.format
         self._wire, self._sample_ns, self._stats = wire, stream.sample_ns, stats
-        self._can_tell = wire.shortest == wire.longest and wire.samples > 1
+        self._can_tell = wire.samples > 1
         self._full_turn = wire.full_turn
         self._farthest = wire.full_turn * FARTHEST_TURNS
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)

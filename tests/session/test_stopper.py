@@ -68,6 +68,20 @@ async def test_a_line_that_is_left_is_not_waited_for() -> None:
     assert not paper.is_open
 
 
+async def test_a_response_that_was_owed_is_taken_to_be_among_much_that_comes() -> None:
+    """They are written again, and not waited for as long as it could still come."""
+    paper = Paper(0.0)
+    paper.owes_until = now() + 1.5
+    stopper = stopper_of(paper, 0.02)
+    with takes(0.2):
+        stopper.stop()
+        await asyncio.sleep(0.01)
+        paper.bytes_received = 1000
+        await stopper.surely_settled()
+    assert stopper.still
+    assert len(paper.written) > len(stopper.requests())
+
+
 async def test_a_line_that_is_lost_is_given_up_at_once() -> None:
     """And nobody is told later that the device is still."""
     paper = Paper(0.0)
