@@ -149,7 +149,7 @@ class NodeFormat(StreamFormat):
         place = self.find_step(data, at)
         if place is None:
             return Stretch((), at, at)
-        if place < 0:
+        if place == NO_PACKET:
             # No phase passes here, nor up to the next place where a chain may begin.
             return Stretch((), at, min(self._next_place(data, at + 1), len(data) - WINDOW + 1))
         self._in_step = True
@@ -159,7 +159,7 @@ class NodeFormat(StreamFormat):
         return self.run(data, at)
 
     def find_step(self, data: bytearray, at: int) -> int | None:
-        """Where nodes go on after `at`; -1 if nowhere near, None while bytes to decide it are missing."""
+        """Where nodes go on after `at`; `NO_PACKET` if nowhere near, None while bytes to decide it are missing."""
         if len(data) - at < WINDOW:
             return None
         if self._last is not None:
@@ -168,12 +168,12 @@ class NodeFormat(StreamFormat):
                 is_chain = chain_steps(data, place, CHAIN_IN_PHASE, self._mark) is not None
                 if is_chain and ahead_of(last, data, place) <= NEAR_Q6:
                     return place
-        standing = -1
+        standing = NO_PACKET
         for place in range(at, at + SIZE):
             steps = chain_steps(data, place, CHAIN_ALONE, self._mark)
             if steps is not None and sum(steps) > 0:
                 return place
-            standing = place if steps is not None and standing < 0 else standing
+            standing = place if steps is not None and standing == NO_PACKET else standing
         return standing
 
     def _next_place(self, data: bytearray, at: int) -> int:
