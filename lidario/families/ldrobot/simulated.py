@@ -31,7 +31,6 @@ _NAMES = {0xA0: "start", 0xA1: "stop", 0xA2: "set_speed", 0xA8: "get_version"}
 _SPEEDS = (720, 2880)  # degrees a second: the vendor's SDK
 
 _POLYNOMIAL = 0x4D
-_LONGEST = 65535
 _POINT = np.dtype([("mm", "<u2"), ("intensity", "u1")])
 _PACKET = np.dtype(
     [
@@ -179,12 +178,12 @@ def pack_points(
 ) -> bytes:
     """Pack measurement packets, back to back: distances and intensities of the shape (12,) or (packets, 12).
 
-    Angles are 1/100 degrees, the speed degrees a second. 0 mm is no return, as is what 16 bits cannot hold.
+    Angles are 1/100 degrees, the speed degrees a second. 0 mm is no return.
     """
     distances = np.atleast_2d(np.rint(np.asarray(distances_mm, np.float64)))
     packets = np.empty(len(distances), _PACKET)
     packets["mark"] = 0x54, 0x2C
-    packets["points"]["mm"] = np.where(distances <= _LONGEST, distances, 0)
+    packets["points"]["mm"] = distances
     packets["points"]["intensity"] = np.asarray(intensities, np.uint8)
     packets["first"], packets["last"], packets["speed"], packets["time"] = first, last, speed, milliseconds
     packets["check"] = check_of(packets.view(np.uint8).reshape(len(packets), -1)[:, :-1])
