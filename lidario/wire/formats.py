@@ -179,6 +179,8 @@ class StreamFormat(ABC):
 
     def next_stretch(self, data: bytearray, at: int) -> Stretch:
         """The next packets, or the noise or record, at `at`; `end` equal to `at` means: wait for more bytes."""
+        if at == len(data):
+            return Stretch((), at, at)
         if self._in_step:
             run = self.run(data, at)
             if run.packets:
@@ -186,7 +188,7 @@ class StreamFormat(ABC):
             record = self._whole_record(data, at)
             if record:
                 return Stretch((), at, at + record)
-            size = self.measure(data, at) if at < len(data) else 0
+            size = self.measure(data, at)
             if not size or size > len(data) - at or (size == NO_PACKET and self.other_record(data, at) == 0):
                 return Stretch((), at, at)
             self._in_step, self._last_end, self._other_end = False, 0, 0
@@ -200,7 +202,7 @@ class StreamFormat(ABC):
         return Stretch((), at, noise)
 
     def _whole_record(self, data: bytearray, at: int) -> int:
-        size = self.other_record(data, at) if at < len(data) else 0
+        size = self.other_record(data, at)
         return size if 0 < size <= len(data) - at else 0
 
     def _end_of_noise(self, data: bytearray, at: int) -> int:
