@@ -104,7 +104,6 @@ class Adapter(serial.Serial):  # type: ignore[misc]
         if self._hurried_by == os.getpid() and self.is_open:
             with contextlib.suppress(*FOREIGN):  # it is unplugged
                 self.set_low_latency_mode(False)
-        self._hurried_by = 0
         super().close()
 
     def hurry(self) -> None:
