@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidario.filters import RangeFilter
-from lidario.revolution.build import DatedRevolution, build_scan
+from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.partial import SampleArrays
 from lidario.scan import Scan
 from tests.support.cases import CASES
@@ -36,6 +36,17 @@ def test_every_field_is_set_as_the_class_sets_it() -> None:
     assert (scan.rpm, scan.reported_rpm, scan.seam, scan.seq, scan.lost_packets) == (300.0, 306.0, 270.0, 3, 0)
     assert repr(scan) == repr(made)
     assert built(zero_offset_deg=450.0).seam == 90.0
+
+
+@pytest.mark.parametrize("offset", [-1e-6, 359.999999, 270.00001, -1e-6 - 720])
+def test_an_angle_that_was_turned_is_below_360_degrees(offset: float) -> None:
+    """Single precision holds 359.99997 and 360, and nothing between."""
+    angles = np.arange(0, 360, 1 / 64, dtype=np.float32)
+    turned = turned_by(angles, offset)
+    assert turned.min() >= 0
+    assert turned.max() < 360
+    apart = (turned - angles.astype(np.float64) - offset + 180) % 360 - 180
+    assert np.abs(apart).max() < 1e-4
 
 
 def test_where_samples_are_missing_is_told_where_packets_were_lost() -> None:
