@@ -60,6 +60,9 @@ class ToldWheel(Turning):
             first, tails = self._mended(heads, tails, jumps, usual, step)
             jumps = self._jumps(first, tails, heads.following)
             turned = int(np.add.reduce(tails - first))
+            if not turned:
+                # All that told a way was damaged.
+                return Arcs(way, None, 0.0, certain=False)
             gaps = jumps > self._one(step)
         mean = turned / inner
         if not gaps.any():

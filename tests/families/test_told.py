@@ -120,3 +120,11 @@ def test_the_mean_step_counts_what_lies_between_packets_where_that_is_known(foll
 def test_packets_that_tell_no_way_tell_no_speed() -> None:
     arcs = ToldWheel(TURN, 48).follow(heads(headings(5, 5, 5), 5, 96, np.zeros(3)))
     assert (arcs.certain, arcs.step, lost(arcs)) == (False, 0, 0)
+
+
+def test_packets_of_which_only_a_damaged_one_tells_a_way_tell_no_speed() -> None:
+    """A packet of one sample has none."""
+    arcs = ToldWheel(TURN, 2).follow(
+        heads(headings(0, 0), 5000, 2, np.array([500, 0]))._replace(counts=np.array([1, 2]))
+    )
+    assert (arcs.certain, arcs.skipped, arcs.step) == (False, None, 0.0)
