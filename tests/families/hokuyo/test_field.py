@@ -18,6 +18,7 @@ from tests.families.hokuyo.about import CASES, GEOMETRY
 from tests.support.devices import Rig, make_rig, some, take
 from tests.support.loop import run_driven
 from tests.support.recorded import assert_same_scans, record, take_scans
+from tests.support.streams import in_one_run
 
 FIELDS = {"hokuyo-urg04lx": (-340, 341, 1024), "hokuyo-ust10lx": (-540, 540, 1440)}
 """First and last step, counted from ahead, and steps of 360 degrees."""
@@ -167,6 +168,19 @@ def test_a_block_of_a_ust_is_known_by_its_steps() -> None:
     wire = found.stream.format
     assert wire.field_deg == pytest.approx(-270, abs=1)
     assert wire.begin_deg == pytest.approx(-wire.field_deg / 2)
+
+
+def test_of_a_block_whose_device_is_not_known_it_sees_from_20_mm_on() -> None:
+    """DMIN of an URG-04LX and a UST-10LX; below are codes of errors."""
+    for field in (b"00440725", b"00001080"):
+        steps = int(field[4:]) - int(field[:4]) + 1
+        block = pack_block(b"MD%s01000" % field, 0, np.resize([19, 20], steps))
+        found = find_stream(memoryview(block), Known())
+        assert found is not None
+        wire = found.stream.format
+        decoded = found.stream.decoder.decode(in_one_run(wire, block), None)
+        assert set(decoded.distance_mm[0::2]) == {0}
+        assert set(decoded.distance_mm[1::2]) == {20}
 
 
 def test_the_speed_is_what_the_device_tells() -> None:
