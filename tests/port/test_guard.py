@@ -24,6 +24,7 @@ from tests.support.children import children_that_ended, guards_of, is_still, own
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
 from tests.support.loop import driven, now
 from tests.support.ports import PATIENCE_S, Sink, terminal_pair, written
+from tests.support.times import takes
 
 STOP = Request("STOP", b"stop!", settle=0.01)
 
@@ -86,6 +87,19 @@ async def test_one_that_is_stopped_keeps_the_port_for_half_a_second() -> None:
         assert now() - began == pytest.approx(0.5)
         await ended(guard)
         assert list(holders(path)) == []
+
+
+async def test_one_that_is_stopped_blocks_nobody_who_tells_it_more_than_it_takes() -> None:
+    with terminal_pair() as (_, _, path):
+        guard = await start_guard(path)
+        (process,) = own_guards()
+        os.kill(process, signal.SIGSTOP)
+        with takes(5.0):  # half of what starting it may take
+            while guard.send(bytes(1 << 16)):
+                pass
+        os.kill(process, signal.SIGKILL)
+        guard.dismiss_at_once()
+        await ended(process)
 
 
 @pytest.mark.long
