@@ -94,11 +94,13 @@ async def test_one_that_is_stopped_blocks_nobody_who_tells_it_more_than_it_takes
         guard = await start_guard(path)
         (process,) = own_guards()
         os.kill(process, signal.SIGSTOP)
-        with takes(5.0):  # half of what starting it may take
-            while guard.send(bytes(1 << 16)):
-                pass
-        os.kill(process, signal.SIGKILL)
-        guard.dismiss_at_once()
+        try:
+            with takes(5.0):  # half of what starting it may take
+                while guard.send(bytes(1 << 16)):
+                    pass
+        finally:
+            os.kill(process, signal.SIGKILL)
+            guard.dismiss_at_once()
         await ended(process)
 
 
