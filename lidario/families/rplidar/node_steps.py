@@ -189,7 +189,7 @@ class NodeSteps(PacedTurning):
         # Lists, since an array takes longer for each of so few.
         chunks = [known[begin : begin + SEVERAL] for begin in range(0, len(known), SEVERAL)]
         # Without the last few steps, which may all be gaps.
-        greatest = max([self._typical, *(_short(chunk) for chunk in chunks if len(chunk) >= CERTAIN_STEPS)])
+        greatest = max([0.0, self._typical, *(_short(chunk) for chunk in chunks if len(chunk) >= CERTAIN_STEPS)])
         # Plus 2: steps are rounded, and those of a starting rotor grow by about one from one mean to the next.
         slack = CHANGE * greatest + 2
         for number, chunk in enumerate(chunks):

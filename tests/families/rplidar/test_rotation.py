@@ -68,6 +68,12 @@ def test_where_angles_run_backwards_a_node_costs_less_than_a_call() -> None:
     assert called < 3000
 
 
+@pytest.mark.parametrize("step", [-1, -20, -30])
+def test_angles_that_only_run_backwards_tell_no_speed(step: int) -> None:
+    arcs = NodeSteps(TURN).follow(steps_of(*[step] * 400))
+    assert (arcs.certain, arcs.skipped, arcs.step) == (False, None, 0.0)
+
+
 @pytest.mark.parametrize("timed", [True, False])
 def test_time_tells_that_each_second_node_is_lost_though_steps_are_even(timed: bool) -> None:
     rotation, now, told = NodeSteps(TURN), 0, list[int]()
