@@ -159,7 +159,8 @@ def verdict(measured: Measured) -> tuple[str, str]:
     """One word, and its reason with what to do."""
     line = measured.line
     is_damaged = line.missed_scans > 0 or line.damaged > TOLERABLE_DAMAGE
-    if is_damaged and line.late_reads:
+    # What a late read costs is missing in one place: more stretches of damage come from the line.
+    if is_damaged and line.late_reads >= max(line.skipped_stretches, 1):
         return "slow", (
             f"{percent(line.damaged)} of the packets lost while this computer was busy: "
             f"{counted(line.late_reads, 'time')} it read when the buffer was full. "

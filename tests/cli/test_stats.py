@@ -69,6 +69,9 @@ def test_a_sensor_that_sees_nothing() -> None:
         # Late reads that cost nothing are none; and what they cost was not lost on the line.
         (measured(late_reads=3), "good"),
         (measured(late_reads=1, lost_packets=8), "slow"),
+        (measured(late_reads=2, lost_packets=8, skipped_stretches=2), "slow"),
+        # A late read loses bytes in one place at most: elsewhere the line has lost them.
+        (measured(late_reads=2, lost_packets=80, skipped_stretches=60), "damaged"),
         (measured(overruns=2), "good"),
         (measured(overruns=2, lost_packets=8), "slow"),
         (measured(overruns=2, framing_errors=1, lost_packets=8), "damaged"),
