@@ -12,6 +12,7 @@ import operator
 import os
 import reprlib
 from collections.abc import Callable
+from contextlib import suppress
 from numbers import Real
 from pathlib import Path
 
@@ -106,11 +107,11 @@ def parts_of(degrees: object) -> int:
 
 
 def yes_or_no(value: object, what: str) -> bool:
-    """Whether the value is as good as true; an array is neither true nor false."""
-    try:
-        return bool(value)
-    except (TypeError, ValueError):
-        raise InvalidValue(f"{what} is True or False, not {shown(value)}") from None
+    """Whether the value is as good as true; a text, such as "no", and an array are neither true nor false."""
+    with suppress(TypeError, ValueError):
+        if not isinstance(value, str):
+            return bool(value)
+    raise InvalidValue(f"{what} is True or False, not {shown(value)}")
 
 
 def text_of(value: object, what: str) -> str:

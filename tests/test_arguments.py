@@ -275,6 +275,7 @@ def test_checks_say_what_is_wrong() -> None:
         (number, float("nan"), "x is a number, not nan"),
         (whole, 1.0, "x is a whole number, not 1.0"),
         (yes_or_no, np.zeros(2), "x is True or False, not array"),
+        (yes_or_no, "no", "x is True or False, not 'no'"),
         (text_of, b"", "x is a text, not b''"),
         (path_of, "a\0b", r"x is the name of a file, not 'a\x00b'"),
         (path_of, "", "x is the name of a file, not ''"),

@@ -85,6 +85,10 @@ def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
             r"filter 1: BoxFilter: min_x 1 is above max_x 0",
         ),
         (
+            "[[lidars.A.filters]]\nfilter = 'AngularBoundsFilter'\nwindows = [[1, 2]]\ninvert = 'no'",
+            r"filter 1: AngularBoundsFilter: invert is True or False, not 'no'",
+        ),
+        (
             "[[lidars.A.filters]]\nfilter = 'PolygonFilter'\npolygon = [[0, 0]]\nmount = 1",
             "'mount' means nothing here",
         ),

@@ -116,9 +116,11 @@ async def test_values_that_cannot_be_right(rig: Rig) -> None:
 async def test_whatever_is_as_good_as_true(ydlidar: Rig) -> None:
     async with ydlidar.open() as lidar:
         yes: Any
-        for yes in (True, 1, np.True_, "on"):
+        for yes in (True, 1, np.True_):
             assert await lidar.set_power_down_protection(yes) is True
             assert await lidar.set_power_down_protection(not yes) is False
+        with pytest.raises(InvalidValue, match="is True or False, not 'off'"):
+            await lidar.set_power_down_protection("off")  # type: ignore[arg-type]
 
 
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
