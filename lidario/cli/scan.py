@@ -95,6 +95,8 @@ def scan(
                         tally.last, tally.count = scan, tally.count + 1
                         if tally.count == count:
                             return
+                    if not tally.count:
+                        raise lidario.RecordingError(f"{source} holds no full revolution")
 
     try:
         run(work)

@@ -1,6 +1,7 @@
 """``lidario record``, ``play``, ``export`` and ``info FILE``."""
 
 import json
+import shlex
 import time
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
@@ -73,8 +74,9 @@ def test_a_recording_without_a_scan_is_told(live: Live, tmp_path: Path) -> None:
     begin = received.rindex(bytes.fromhex("a55a5400004085"))
     path = tmp_path / "short.bin"
     path.write_bytes(received[begin : begin + 7 + 10 * 84])
-    for verb in (["stats", "-t", "1s"], ["plot", "-o", str(tmp_path / "a.svg")]):
-        done = invoke(verb[0], f"{path}?rate=0", *verb[1:])
+    for words in ("scan", "scan -n 0 --json", "stats -t 1s", f"plot -o '{tmp_path}/a.svg'"):
+        verb, *options = shlex.split(words)
+        done = invoke(verb, f"{path}?rate=0", *options)
         assert (done.exit_code, "holds no full revolution" in done.stderr) == (7, True), done.stderr
 
 
