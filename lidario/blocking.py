@@ -105,6 +105,7 @@ class SyncLidar(Closing):
     is_scanning: Final[bool] = _told(Lidar.is_scanning)
     is_connected: Final[bool] = _told(Lidar.is_connected)
     can_be_stopped: Final[bool] = _told(Lidar.can_be_stopped)
+    motor_can_be_stopped: Final[bool] = _told(Lidar.motor_can_be_stopped)
     baudrate: Final[int] = _told(Lidar.baudrate)
     length_s: Final[float | None] = _told(Lidar.length_s)
     reached_s: Final[float | None] = _told(Lidar.reached_s)

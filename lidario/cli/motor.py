@@ -38,8 +38,7 @@ def start(source: str, as_json: bool) -> None:
 def stop(source: str, as_json: bool) -> None:
     """Stop laser and motor, whatever an earlier program left running."""
     _refuse_motorless(source)
-    run(lambda: _stop(source), f"stopping {source} …")
-    _tell(as_json, "stopped", None)
+    _tell(as_json, run(lambda: _stop(source), f"stopping {source} …"), None)
 
 
 @motor.command()
@@ -78,6 +77,8 @@ def _tell(as_json: bool, state: str, hertz: float | None) -> None:
         emit("the motor turns" + (f" at {in_both_units(hertz)}\n" if hertz is not None else "\n"))
     elif state == "set" and hertz is not None:
         emit(f"{in_both_units(hertz)} is set; the motor of this device turns only while it scans\n")
+    elif state == "unstoppable":
+        emit("the laser is off; the motor of this device turns while it has power\n")
     else:
         emit("laser and motor are off\n")
 
@@ -115,10 +116,11 @@ async def _speed_up(lidar: lidario.Lidar, hertz: float | None) -> float | None:
         return lidar.measured_scan_frequency
 
 
-async def _stop(source: str) -> None:
-    """Open and close: a session that ends writes the requests that stop laser and motor."""
+async def _stop(source: str) -> str:
+    """Open and close: a session that ends writes the requests that stop laser and motor. Returns what was done."""
     async with lidario.open_lidar(source) as lidar:
         if not lidar.can_be_stopped:
             # The session has said why, when it was opened.
             raise lidario.Unsupported("nothing was stopped: the device only talks")
         await lidar.stop()
+        return "stopped" if lidar.motor_can_be_stopped else "unstoppable"

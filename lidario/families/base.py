@@ -52,6 +52,7 @@ class Device(ABC):
 
     can_keep_spinning: bool = True  # whether the motor can go on when the laser is stopped
     can_be_stopped: bool = True  # whether laser and motor can be switched off from here
+    motor_obeys: bool = True  # whether the motor is then off, too; else it turns while it has power
     baudrate: int | None = None  # speed of its line; 0 if the line has none, as a network; None if unknown
     sends_bytes: bool = True  # whether its stream consists of bytes that can be decoded again; else of whole scans
     can_only_talk: bool = False  # whether it may be a device that hears nothing, in a family whose others respond

@@ -105,6 +105,11 @@ class Lidar(Streams, AsyncOnly, Held):
         return self._at.dialogue.device.can_be_stopped
 
     @property
+    def motor_can_be_stopped(self) -> bool:
+        """Whether the motor can be switched off from here; else it turns for as long as it has power."""
+        return self.can_be_stopped and self._at.dialogue.device.motor_obeys
+
+    @property
     def mode(self) -> ScanMode | None:
         """The scan mode that runs, if one does."""
         return self._scanner.control.mode

@@ -67,6 +67,18 @@ def test_where_the_motor_stops_with_the_laser(device: Any) -> None:
     assert not device.motor_on
 
 
+def test_a_motor_that_turns_while_it_has_power_is_not_called_stopped() -> None:
+    """Of a device whose laser obeys: its motor was said to be off, and to stop with the laser."""
+    for words, says in (
+        (["stop"], "the laser is off; the motor of this device turns while it has power\n"),
+        (["start"], "the motor turns at 40.00 Hz (2400 rpm)\n"),
+    ):
+        ended = invoke_driven("motor", *words, "sim://hokuyo-ust10lx?via=memory")
+        assert (ended.exit_code, ended.stdout, ended.stderr) == (0, says, "")
+    told = invoke_driven("motor", "stop", "sim://hokuyo-ust10lx?via=memory", "--json").stdout
+    assert json.loads(told) == {"motor": "unstoppable", "hertz": None}
+
+
 @pytest.mark.parametrize("model", ["ldrobot-ld06", "ydlidar-x3"])
 def test_a_motor_that_cannot_be_stopped_is_not_called_stopped(model: str, caplog: pytest.LogCaptureFixture) -> None:
     for words, says in ((["stop"], "error: nothing was stopped"), (["speed", "7"], "cannot be set from here")):

@@ -69,7 +69,7 @@ def mode_for(wire: type[DistanceFormat], geometry: Geometry) -> ScanMode:
 class HokuyoDevice(Device):
     """One lidar that speaks SCIP 2.0."""
 
-    can_keep_spinning = False
+    motor_obeys = False
     fill: Request = FILL
     questions: tuple[Request, ...] = QUESTIONS
 
