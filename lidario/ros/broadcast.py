@@ -338,4 +338,4 @@ class Broadcast(Entered):
         if self.on_change is not None:
             self.on_change(connected)
         else:
-            _log.warning("%s", " ".join(news.splitlines()))
+            _log.warning("%s", ". ".join(news.splitlines()))

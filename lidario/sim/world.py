@@ -116,7 +116,7 @@ class Walker:
         x, y = _within(way, pose).T
         distance = np.hypot(x, y)
         if float(distance.min()) <= _GIRTH_M:
-            raise ValueError("the walker's path leads over the scanner")
+            raise ValueError("a person walks there over the lidar: choose another pose")
         self._distance = distance * 1000.0
         self._bearing = np.degrees(np.arctan2(-y, x))
 

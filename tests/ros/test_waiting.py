@@ -79,7 +79,7 @@ async def test_nobody_listens_to_the_news(absent: Router, caplog: pytest.LogCapt
         assert (share.scans, share.unsent) == (0, 1)
         (told,) = caplog.messages
         assert told.startswith("no zenoh router responds at")
-        assert told.endswith("rmw_zenohd Scans are not sent until it is there.")
+        assert told.endswith("rmw_zenohd. Scans are not sent until it is there.")
         assert asyncio.all_tasks() == before
         await share.close()
 

@@ -72,7 +72,7 @@ def test_each_beam_has_its_own_time() -> None:
 
 
 def test_the_walker_must_not_walk_over_the_scanner() -> None:
-    with pytest.raises(ValueError, match="over the scanner"):
+    with pytest.raises(ValueError, match="over the lidar: choose another pose"):
         Walker((1.0, 0.0), (1.0, 0.5))
 
 
