@@ -66,7 +66,8 @@ def moderate(value: object, what: str) -> float:
 
 
 def _as_float(value: object, what: str) -> float:
-    if not isinstance(value, Real):
+    # True is 1 for Python; given for a number, it is a mistake.
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise InvalidValue(f"{what} is a number, not {shown(value)}")
     try:
         return float(value)
@@ -77,10 +78,10 @@ def _as_float(value: object, what: str) -> float:
 
 def whole(value: object, what: str) -> int:
     """The value as an int, if it is a whole number."""
-    try:
-        return operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        raise InvalidValue(f"{what} is a whole number, not {shown(value)}") from None
+    with suppress(TypeError):
+        if not isinstance(value, bool):
+            return operator.index(value)  # type: ignore[arg-type]
+    raise InvalidValue(f"{what} is a whole number, not {shown(value)}")
 
 
 def nanoseconds(value: object, what: str) -> int:

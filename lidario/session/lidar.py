@@ -160,10 +160,10 @@ class Lidar(Streams, AsyncOnly, Held):
     async def stop(self, *, motor: bool = False) -> None:
         """Stop laser and motor, and end every stream; returns when that was seen. The session stays open.
 
-        With `keep_spinning` it is the laser alone. Every reader ends at once, also one whose stream is just being
-        started. The stop requests are written before anything is awaited, or, where the device does not listen at
-        that moment, by a timer; and again until the device was seen still. That takes a tenth of a second, and more
-        where it takes its time to respond. Cancelling ends only the waiting.
+        With `keep_spinning` it is the laser alone. Every reader ends, behind the scan that waits for it if there is
+        one, also where its stream is just being started. Stop requests are written before anything is awaited, or,
+        where the device does not listen at that moment, by a timer; and again until the device was seen still. That
+        takes a tenth of a second, and more where it takes its time to respond. Cancelling ends only the waiting.
 
         Args:
             motor: Stop the motor too, in spite of `keep_spinning`, which holds no more from then on.
