@@ -91,9 +91,9 @@ class NodeSteps(PacedTurning):
             # Much more even, since damage alone may make the beams a little more even.
             if 2 * _unevenness(beams[0]) < _unevenness(spans):
                 spans, shortest, longest, total = beams
-        if self._certain and self._is_ordinary(usual, shortest, longest):
+        if (self._certain or count >= CERTAIN_STEPS) and self._is_ordinary(usual, shortest, longest):
             # With no step far off, the mean is as good as the median, and much cheaper.
-            self._typical, self._strange = total / count, 0
+            self._typical, self._certain, self._strange = total / count, True, 0
             times = self._corrected(spans, arrivals, 1.0)
             if times == 1:
                 self._note_close(count)
