@@ -62,7 +62,12 @@ def told(folder: Path, devices: str, *arguments: str) -> str:
     described = folder / "devices.umockdev"
     described.write_text(devices, encoding="utf-8")
     command = ["umockdev-run", "--device", str(described), "--", sys.executable, "-m", "lidario", *arguments]
-    ended = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=PATIENCE_S, check=False)
+    for _ in range(5):
+        ended = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=PATIENCE_S, check=False)
+        # umockdev 0.17 aborts a program that looks at a link which vanishes meanwhile, as those do that tell which
+        # files other processes have open.
+        if "libumockdev-preload.c" not in ended.stderr:
+            break
     assert "Traceback" not in ended.stderr
     assert ended.stdout, (ended.returncode, ended.stderr)
     return ended.stdout
