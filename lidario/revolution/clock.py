@@ -265,7 +265,7 @@ class RevolutionClock:
         return Passed(max(0, unseen), several(by_clock))
 
     def _may_be_read_late(self, here: Beginning, last: Beginning) -> bool:
-        """Whether a beginning that is late by whole revolutions may yet have been read late only."""
+        """Count how long reads went on meanwhile; tell whether such a beginning may only have been read late."""
         self._late_ns = (self._late_ns or 0) + here.read_ns
         return not last.has_gap and self._late_ns < self._least_late * here.revolution_ns
 

@@ -237,7 +237,7 @@ class Link:
             self.stats.late_responses += 1
         else:
             self._events.append(event)
-        self._buffer = self._buffer[size:]  # as in `_drop`
+        self._drop(size)
         self.stats.response_bytes += size
         self._end_waiting()
 

@@ -110,6 +110,7 @@ class NodeSteps(PacedTurning):
                 steps, missing = self._walk(spans, followed=followed)
                 self._strange = 0  # time has just said that these steps are gaps
             elif self._strange >= STRANGE * SEVERAL and not self._time_may_tell:
+                # Time says nothing, so the steps are believed; it may correct them when it tells more.
                 self._typical, self._confirmed = before, False
                 steps, missing = self._walk(spans, followed=followed, anew=True)
             elif not missing.any():

@@ -60,8 +60,7 @@ class Dialogue(Intake, Waiting):
     # ------------------------------------------------------------------------------------------------ receiving
 
     def responded(self, payload: bytes) -> None:
-        readiness = self._readiness
-        readiness.has_responded, readiness.took_s = True, self._loop.time() - readiness.asked_at
+        self._readiness.responded()
         if self.stopper.asks:
             self.stopper.answered()
         else:

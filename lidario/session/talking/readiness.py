@@ -63,6 +63,10 @@ class Readiness:
         self.asked_at = self._loop.time()
         self.due = self.asked_at + timeout
 
+    def responded(self) -> None:
+        """The device has responded to the question."""
+        self.has_responded, self.took_s = True, self._loop.time() - self.asked_at
+
     def miss(self) -> None:
         """The response to the last question was waited for in vain."""
         self.silent_since = self.silent_since or self.asked_at
