@@ -53,7 +53,10 @@ class Questions(ABC):
         return self._at.info
 
     async def get_health(self) -> Health:
-        """Ask the device how it is."""
+        """Ask the device how it is; `Lidar.health` is what it said last.
+
+        A question that interrupts a stream costs it a revolution or two: who asks all the time gets no scans.
+        """
         health = await self._scanner.ask(self._open_device().health)
         # Not later: the stream that this question interrupted is started by another task, in the next step.
         self._scanner.failures.take_note(health)
