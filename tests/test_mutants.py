@@ -63,4 +63,9 @@ def test_the_same_seed_gives_the_same_changes() -> None:
     assert done.stdout.strip() == str(chosen), done.stderr
     assert len(set(chosen)) == 100
     assert {place.kind for place in chosen} >= {"comparison", "number", "call", "sign", "return"}
-    assert not any("/simulated/" in place.path for place in choose(200, 7, "families"))
+
+
+@pytest.mark.long
+def test_simulated_devices_are_not_changed_and_lines_to_them_are() -> None:
+    assert not any("simulated" in place.path for place in choose(10_000, 7, "families"))
+    assert any(place.path == "lidario/port/simulated.py" for place in choose(10_000, 7, "port"))

@@ -38,6 +38,8 @@ ROOT: Final = Path(__file__).resolve().parent.parent.parent
 BESIDE: Final = ROOT.parent / "shared"
 """Some tests read what stands beside the project, where it does: recordings of real devices."""
 PARTS: Final = ("wire", "families", "revolution", "session", "port")
+_DEVICES: Final = re.compile(r"lidario/families/\w+/simulated[./]")
+"""Simulated devices, a file or a folder in each family: the tests measure the driver by them."""
 _ABOUT_TEXT: Final = (
     "architecture",
     "byte_order",
@@ -87,7 +89,7 @@ def choose(count: int, seed: int, only: str | None = None) -> list[Place]:
     for part in (only,) if only else PARTS:
         for path in sorted((ROOT / "lidario" / part).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
-            if "/simulated/" not in name:
+            if not _DEVICES.match(name):
                 found += places_of(name, path.read_bytes())
     return random.Random(seed).sample(found, min(count, len(found)))
 
