@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from lidario.families.spans import Arcs, Heads
 
+TURN = 23040
+"""A whole turn, in units of the headings."""
+
 
 def heads(
     first: Sequence[int] | NDArray[Any], following: int | None, counts: int = 1, way: NDArray[Any] | None = None
@@ -15,6 +18,12 @@ def heads(
     """Those of packets that begin at these angles."""
     told = None if way is None else way.astype(np.int32)
     return Heads(np.asarray(first, np.int32), following, counts, told)
+
+
+def turning(*spans: int) -> tuple[NDArray[np.int32], int]:
+    """Where packets stand from which the next one is so far ahead, and where the one behind them stands."""
+    *first, following = np.cumsum([0, *spans]) % TURN
+    return np.array(first, np.int32), int(following)
 
 
 def missing(arcs: Arcs) -> list[int]:
