@@ -86,18 +86,29 @@ async def main():
             pass
 """
 ALONE = """
+import lidario.port.guard, lidario.port.port
+
 async def main():
     if len(sys.argv) > 2:
         ctypes.CDLL(None).prctl(36, 1)  # PR_SET_CHILD_SUBREAPER: orphans are given to this process
-    ended = []
+    ended, codes, waitpid = [], [], os.waitpid
     signal.signal(signal.SIGCHLD, lambda *_: ended.append(1))
+
+    def waited(*which):
+        child, code = waitpid(*which)
+        codes.extend([code] if child else [])
+        return child, code
+
+    os.waitpid = waited
+    # On a busy machine it may need longer than a session waits for it.
+    lidario.port.guard.RELEASE_S = lidario.port.port.CLOSE_TIMEOUT_S = 60.0
     async with lidario.open_lidar(sys.argv[1], guard=True) as lidar:
         await lidar.scan()
         print("open", flush=True)
     try:
         print("children:", os.waitpid(-1, os.WNOHANG))
     except ChildProcessError:
-        print("no children")
+        print("no children", codes)
 """
 WHEN_TOLD = """
 async def main():
@@ -309,6 +320,7 @@ def test_the_program_has_no_child_that_it_did_not_start(adopts: list[str]) -> No
             assert line_of(process.stdout) == "open\n"
             guard_of(process)
             out, said = process.communicate()
-            assert (out, said) == ("no children\n", "")
+            # Whatever watches processes is told that they ended well.
+            assert (out, said) == (f"no children {[0] * (1 + len(adopts))}\n", "")
             assert guards_of(process.pid) == []
         until(lambda: is_still(server))
