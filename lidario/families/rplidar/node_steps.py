@@ -59,7 +59,10 @@ class Nodes(NamedTuple):
     following: bytes | None  # the node behind them; None if unknown
 
     def beams(self, heads: Heads) -> Heads:
-        """The angles of the beams, if the angles in `heads` are those of returns beside the beams."""
+        """Where the beams are, if the angles in `heads` are those of returns beside the beams.
+
+        Only what is between two of them is to be used: mostly they are counted from the first return.
+        """
         rows = self.rows
         if self.following is not None:
             rows = np.concatenate((rows, np.frombuffer(self.following, rows.dtype, 1)))
@@ -231,7 +234,7 @@ class NodeSteps(PacedTurning):
 
 
 def _between(beams: Ints, told: NDArray[np.intp], count: int) -> NDArray[np.int32]:
-    """The angles of `count` beams, from those that are `told`: the others lie evenly between them.
+    """How far `count` beams are behind the first that is `told`: the others lie evenly between the told ones.
 
     If nodes are missing between two told beams, it is not known where. The gap is placed right before the second.
     """
@@ -247,7 +250,7 @@ def _between(beams: Ints, told: NDArray[np.intp], count: int) -> NDArray[np.int3
     way = along[before] + (places - told[before]) * each[before]
     way[told] = along
     way[told[-1] :] = along[-1] + (places[told[-1] :] - told[-1]) * usual
-    found: NDArray[np.int32] = (np.rint(way + beams[0]) % FULL_TURN_Q6).astype(np.int32)
+    found: NDArray[np.int32] = np.rint(way).astype(np.int32)
     return found
 
 
