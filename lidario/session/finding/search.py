@@ -79,7 +79,7 @@ class Search:
         """
         port, families = self._port, {each.family for each in self.tries}
         if self._known is not None:
-            await self._woken.stop()
+            # What a question has woken is this one: it was heard behind that, or asked alone.
             await self._known.close()
         elif not port.is_closing:
             # One of a known family may hear us although its responses do not reach us.
