@@ -1,6 +1,7 @@
 """Closing a serial port whose adapter sends nothing any more: bounded, and the event loop goes on."""
 
 import asyncio
+import errno
 import logging
 import os
 import stat
@@ -68,6 +69,22 @@ async def test_an_adapter_that_sends_nothing_stops_neither_the_loop_nor_the_clos
     assert (wedged.discarded, wedged.waits) == (1, 0)
     assert sink.lost == [None]
     assert "closed before all was sent" in caplog.text
+
+
+@driven
+async def test_one_that_was_pulled_out_is_not_waited_for(
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its driver no longer tells how much waits; the transport has not noticed yet."""
+
+    def gone(_: serial.Serial) -> int:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    port = await open_serial(ends[2], 115200)
+    monkeypatch.setattr(serial.Serial, "out_waiting", property(gone))
+    port.write(b"stop")
+    assert await closed_in(port) == pytest.approx(0.0, abs=0.003)
+    assert "closed before" not in caplog.text
 
 
 @driven

@@ -23,6 +23,7 @@ from tests.support.devices import (
     some,
     take,
 )
+from tests.support.loop import now
 from tests.support.samples import long_but_some
 from tests.support.times import begun
 
@@ -66,6 +67,29 @@ async def test_one_of_the_stop_requests_may_be_lost(rig: Rig, lost: int, more: i
         hears_only(rig, lambda _: next(written) != lost)
     assert next(written) == 7 + more
     assert left_still(rig)
+
+
+async def test_what_follows_a_stop_is_heard_by_a_device_that_is_deaf_for_longer_than_its_manual_says(
+    rig: Rig,
+) -> None:
+    """Behind each stop request for 40 ms; the manual of an RPLIDAR says 10."""
+    stop = {"rplidar": b"\xa5\x25", "ydlidar": b"\xa5\x65"}[rig.family]
+    deaf_until, lost = 0.0, list[bytes]()
+
+    def hears(data: bytes) -> bool:
+        nonlocal deaf_until
+        if now() < deaf_until:
+            lost.append(data)
+            return False
+        deaf_until = now() + 0.04 if data == stop else 0.0
+        return True
+
+    async with rig.read() as (lidar, _):
+        hears_only(rig, hears)
+        await lidar.stop()
+        assert deaf_until > 0
+        await lidar.get_health()
+        assert not lost
 
 
 async def test_a_stream_left_by_break_stops_the_device_within_two_seconds(rig: Rig) -> None:
