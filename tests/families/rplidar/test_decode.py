@@ -18,6 +18,7 @@ from lidario.families.rplidar.cabins import ultra_dense_cabins
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
+from tests.families.rplidar.test_nodes import triangulated
 from tests.reference import rplidar
 from tests.support.streams import arrived, in_one_run
 
@@ -91,6 +92,17 @@ def test_near_targets_are_as_far_beside_the_beam_as_the_reference_says() -> None
     assert np.abs((off + 180) % 360 - 180).max() < 1e-4
 
 
+@pytest.mark.parametrize("mm", [300, 900])
+def test_a_lost_node_is_missed_where_it_was_though_a_near_target_lies_beside_its_beam(mm: int) -> None:
+    """0x81: where that begins, angles leap by as much as there."""
+    beams, far = [1.25 * at for at in range(288)], [4000] * 288
+    near = [*far[:200], *[mm] * 40, *far[240:]]
+    full, raw = triangulated(beams, far), triangulated(beams, near)
+    decoder = DECODERS[0x81]()
+    decoder.decode(arrived(full, 288, 0), full[:5])
+    assert decoder.decode(arrived(raw[:500] + raw[505:], 287, 0), full[:5]).gaps == [(100, 1)]
+
+
 @pytest.mark.parametrize("behind_gap", [0, 2564])
 @pytest.mark.parametrize("major", [0, 2560])
 def test_what_leans_on_a_lost_packet_has_no_distance(major: int, behind_gap: int) -> None:
@@ -132,6 +144,3 @@ def test_an_angle_beside_360_degrees_stays_on_its_side(samples: int, back: bool)
     assert angles.tolist() == expected
     assert angles.min() >= 0
     assert angles.max() < turn
-
-
-# ------------------------------------------------------------------------------------------ several revolutions
