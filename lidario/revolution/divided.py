@@ -335,7 +335,7 @@ def is_doubted(samples: Samples) -> bool:
 
     Also True if no packet came behind that gap.
     """
-    begin, _ = max(samples.gaps, key=itemgetter(1), default=(0, 0))
+    begin, _ = max(samples.gaps, key=itemgetter(1))
     return 0 < begin == samples.ends[-1] or may_be_faster(samples, begin)
 
 

@@ -71,7 +71,7 @@ def _ultra_tables() -> tuple[NDArray[np.int32], NDArray[np.intp], NDArray[np.int
     third table. The third is for scale and 10 bits of prediction: what to add to a distance, in mm.
     """
     codes = np.arange(4096)
-    base, scale = np.zeros(4096, np.int32), np.zeros(4096, np.intp)
+    base, scale = np.zeros(len(codes), np.int32), np.zeros(len(codes), np.intp)
     value = (np.arange(1024) ^ 0x200) - 0x200
     predicted = np.empty((len(_LEVELS), 1024), np.int32)
     for first, distance, level in reversed(_LEVELS):
@@ -146,7 +146,7 @@ def near_range_corrections(units: float) -> NDArray[np.float32]:
 def _ultra_dense_tables() -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
     """0x86: tables by the lower 16 of the 20 bits of a sample: distance in 1/4 mm, lower bits of the intensity."""
     words = np.arange(1 << 16)
-    distance, intensity = np.empty(1 << 16, np.int32), np.empty(1 << 16, np.uint8)
+    distance, intensity = np.empty(len(words), np.int32), np.empty(len(words), np.uint8)
     for scale, (step, offset, mask) in enumerate(_SCALES):
         these = words & 3 == scale
         distance[these] = (words[these] >> 2 & mask) * step + offset

@@ -63,11 +63,12 @@ class Mailbox(Generic[T]):
     At most `depth` are kept.
     """
 
-    def __init__(self, depth: int, parts: int = 0) -> None:
+    def __init__(self, depth: int, parts: int | None = None) -> None:
         depth = whole(depth, "depth")
         if depth < 1:
             raise InvalidValue(f"a reader keeps at least one {'sector' if parts else 'scan'}, not {shown(depth)}")
-        self.parts: int = parts  # how many sectors a revolution has for this reader; 0 for a reader of scans
+        # How many sectors a revolution has for this reader; None where it reads something else.
+        self.parts: int | None = parts
         self.dropped: int = 0  # scans dropped since the reader was last told of it
         self.total_dropped: int = 0  # scans dropped altogether
         self._depth = depth
@@ -168,7 +169,7 @@ class ReaderStream(AsyncOnly, Held, Generic[T]):
         depth: int,
         force: bool,
         opened: Callable[[], None],
-        parts: int = 0,
+        parts: int | None = None,
         filters: tuple[Callable[[Any], Any], ...] = (),
     ) -> None:
         self._source = source
