@@ -17,6 +17,7 @@ def f(a: Literal[1]) -> bool:
         g()
         raise ValueError(f"no {_SHOWN} + 6")
     _log.debug("%d", 7)
+    h(1e9)
     return (a) - 8 is not None
 '''
 
@@ -30,6 +31,8 @@ def test_what_runs_is_changed_and_what_is_shown_is_not() -> None:
             "if not a >= 5 and g():",
             "if not a < 6 and g():",
             "if not a < 10 and g():",
+            "pass",
+            "h(2000000000.0)",
             "pass",
             "return not ((a) - 8 is not None)",
             "return (a) - 8 is None",

@@ -21,6 +21,8 @@ _TURNED: Final = {
 }
 _COMPARISON: Final = re.compile(rb"<=|>=|==|!=|<|>|\bis\s+not\b|\bnot\s+in\b|\bis\b|\bin\b")
 _MESSAGES: Final = ("log", "_log", "logger", "warnings")
+_ONE_IS_NOTHING: Final = 1e6
+"""Of a number so large, such as a unit of time, one more is no other number."""
 
 
 class Place(NamedTuple):
@@ -125,7 +127,8 @@ def _changes(node: ast.AST, lines: list[bytes], says_bool: bool) -> Iterator[tup
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.end_col_offset is not None:
         value = node.value
         assert isinstance(value, (int, float))
-        for new in dict.fromkeys([repr(value + 1), repr(value * 2 or 1)]):
+        more = [repr(value + 1)] if value < _ONE_IS_NOTHING else []
+        for new in dict.fromkeys([*more, repr(value * 2 or 1)]):
             yield node.lineno, node.col_offset, node.end_col_offset, new, "number"
     elif isinstance(node, (ast.Expr, ast.Return)) and node.lineno == node.end_lineno:
         yield from _left_out(node, lines, says_bool)
