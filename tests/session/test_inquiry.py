@@ -166,6 +166,19 @@ async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: py
         assert await lidar.scan()
 
 
+async def test_after_a_while_a_well_device_is_restarted_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fourth time, where the first is long ago, and the second and the third are not."""
+    monkeypatch.setattr("lidario.session.streaming.failures.PERIOD_S", 5.0)
+    async with rig.open() as lidar, lidar.scans() as stream:
+        for count in (1, 2, 3, 4):
+            await anext(stream)
+            fall_silent(rig)
+            began = now()
+            while now() - began < (6.0 if count == 1 else 1.0):
+                await anext(stream)
+            assert lidar.stats.restarts == count
+
+
 async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:
     async with rig.open() as lidar:
         text, after = await error_of(lidar, lambda: setattr(rig.device, "mute", True))

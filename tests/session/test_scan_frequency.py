@@ -35,6 +35,12 @@ async def test_the_set_speed_is_checked_against_the_measured_one(rig: Rig) -> No
         assert (await anext(stream)).rpm == pytest.approx(600, rel=0.05)
 
 
+async def test_it_is_measured_exactly(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidario.session.questions.SPEED_TOLERANCE", 0.003)
+    async with rig.read() as (lidar, _):
+        assert await lidar.set_scan_frequency(9.0) == pytest.approx(9.0, abs=0.05)
+
+
 @pytest.mark.long
 async def test_a_rotor_not_at_its_speed_within_10_s_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.session.questions.SPEED_TOLERANCE", -1.0)

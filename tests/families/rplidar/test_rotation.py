@@ -225,6 +225,11 @@ def test_six_steps_that_agree_are_sure(count: int) -> None:
     assert not NodeSteps(TURN).follow(nodes_of(0, count)).certain
 
 
+def test_a_quarter_of_the_first_nodes_may_be_doubled() -> None:
+    arcs = NodeSteps(TURN).follow(steps_of(*[7, 7, 7, 0] * 8))
+    assert (arcs.certain, lost(arcs)) == (True, 0)
+
+
 def test_one_node_alone_tells_no_step() -> None:
     arcs = NodeSteps(TURN).follow(heads(headings(100), None))
     assert (arcs.certain, arcs.step, lost(arcs)) == (False, 0, 0)
