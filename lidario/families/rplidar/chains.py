@@ -114,7 +114,7 @@ def step_between(earlier: int, later: int) -> int:
 def _beam_step(earlier: Heading, later: Heading) -> int:
     """The smallest step from one beam to the next that the blur allows, 1/64 degrees; negative if it falls back."""
     blur = earlier.blur + later.blur
-    step = _signed(earlier.beam, later.beam, blur)
+    step = _signed(earlier.beam, later.beam, BACKWARD_Q6 + blur)
     return max(0, step - blur) if step > 0 else min(0, step + blur)
 
 
@@ -141,7 +141,7 @@ def chain_steps(data: bytearray, at: int, length: int, mark: int | None) -> list
             if not fits(angle, mark) or (mark is None and marks > 1):
                 return None
         if last >= 0:
-            step = _signed(last, angle)
+            step = _signed(last, angle, BACKWARD_Q6)
             if step > FORWARD_Q6 and apart(last, angle) <= FORWARD_Q6 + _CORRECTED_Q6:
                 step = _beam_step(heading_at(data, place - SIZE), heading_at(data, place))
             if step > FORWARD_Q6:
@@ -151,9 +151,8 @@ def chain_steps(data: bytearray, at: int, length: int, mark: int | None) -> list
     return steps
 
 
-def _signed(earlier: int, later: int, blur: int = 0) -> int:
-    """1/64 degrees from one angle to the next; negative if it falls back a little, or by up to `blur` more."""
-    back = BACKWARD_Q6 + blur
+def _signed(earlier: int, later: int, back: int) -> int:
+    """1/64 degrees from one angle to the next; negative if it falls back by up to `back`."""
     return (later - earlier + back) % FULL_TURN_Q6 - back
 
 
