@@ -116,7 +116,6 @@ class Hub:
             mailbox.end(None if error is None else twin_of(error))
         self.readers.clear()
         self.joining = []
-        self._see_parts()
         if self._loop.is_closed():
             return
         ends, self.ends = self.ends, self._loop.create_future()

@@ -14,7 +14,7 @@ async def play(script: Script[T], ask: Callable[[Request], Awaitable[bytes]], fi
     """Play `script` to its end: each request that it yields is asked, and the payload is sent back into it.
 
     `first` is its first request, where it was advanced to that one already. A ResponseTimeout of `ask` is raised in
-    the script. Cancelling closes it.
+    the script.
 
     Returns:
         The result of the script.
@@ -34,5 +34,3 @@ async def play(script: Script[T], ask: Callable[[Request], Awaitable[bytes]], fi
     except StopIteration as stop:
         result: T = stop.value
         return result
-    finally:
-        script.close()
