@@ -1,9 +1,12 @@
 """The script that changes the source changes one line, which compiles, and the same ones for the same seed."""
 
+from pathlib import Path
+
 import pytest
 
 from tests.mutants.__main__ import PARTS, ROOT, choose
-from tests.mutants.places import places_of
+from tests.mutants.covering import Covering
+from tests.mutants.places import Place, places_of
 from tests.support.children import ended
 
 SOURCE = b'''"""One and 2."""
@@ -72,3 +75,18 @@ def test_the_same_seed_gives_the_same_changes() -> None:
 def test_simulated_devices_are_not_changed_and_lines_to_them_are() -> None:
     assert not any("simulated" in place.path for place in choose(10_000, 7, "families"))
     assert any(place.path == "lidario/port/simulated.py" for place in choose(10_000, 7, "port"))
+
+
+def test_a_constant_is_judged_also_by_tests_that_only_read_it(tmp_path: Path) -> None:
+    for name, text in {
+        "lidario/a.py": "ONE = 1\nTWO = 2\n",
+        "tests/test_one.py": "from lidario.a import ONE\n",
+        "tests/deep/test_two.py": "from lidario.a import (\n    ONE as OTHER,\n    TWO,\n)\n",
+        "tests/test_other.py": "from lidario.b import ONE, TWO\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    covering = Covering(tmp_path / ".coverage", tmp_path)
+    places = [Place("lidario/a.py", line, 0, 0, "", "") for line in (1, 2)]
+    both, one = map(covering.importing, places)
+    assert (both, one) == (["tests/deep/test_two.py", "tests/test_one.py"], ["tests/deep/test_two.py"])

@@ -176,7 +176,8 @@ def _stages(place: Place, covering: Covering | None, whole: bool) -> list[list[s
         return stages
     if not covering.is_run(place):
         # Tests may compare what the import has made, and run nothing of the file.
-        return [*stages[:_NEAREST], *judging, [_FIGURES]]
+        readers = covering.importing(place)
+        return [*([readers] if readers else ()), *stages[:_NEAREST], *judging, [_FIGURES]]
     # Of very many that run a line only some are taken: those that are named like the file are not left out.
     named = [tests for tests in stages[:1] if tests[0].endswith(".py")]
     # Of what is made once and kept, only the test is known that was the first to need it.

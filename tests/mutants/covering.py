@@ -58,6 +58,13 @@ class Covering:
             (near if is_near else far).append(test)
         return [_some(tests) for tests in (near, far) if tests]
 
+    def importing(self, place: Place) -> list[str]:
+        """The test modules that import what is defined there: they may read it, and run no line of the file."""
+        names = _defined(_statement(ast.parse((self._root / place.path).read_bytes()), place.line))
+        module = place.path.removesuffix(".py").replace("/", ".")
+        modules = sorted((self._root / "tests").rglob("test_*.py"))
+        return [path.relative_to(self._root).as_posix() for path in modules if _imports(path, module, names)]
+
     def _tests_of(self, path: Path, lines: Iterable[int] | None) -> set[str]:
         """The tests that run some of these lines of a file; None for any line."""
         contexts = self._data.contexts_by_lineno(str(path))
@@ -109,6 +116,19 @@ def _defined(statement: ast.stmt) -> set[str]:
     """The names that a statement gives a value."""
     targets = getattr(statement, "targets", None) or [getattr(statement, "target", None)]
     return {name.id for target in targets if target for name in ast.walk(target) if isinstance(name, ast.Name)}
+
+
+def _imports(path: Path, module: str, names: set[str]) -> bool:
+    """Whether a file imports one of the names from that module."""
+    text = path.read_text(encoding="utf-8")
+    return f"from {module} import" in text and any(
+        isinstance(node, ast.ImportFrom) and node.module == module and not names.isdisjoint(_imported(node))
+        for node in ast.walk(ast.parse(text))
+    )
+
+
+def _imported(node: ast.ImportFrom) -> list[str]:
+    return [each.name for each in node.names]
 
 
 def _naming(path: Path, names: set[str]) -> list[int]:
