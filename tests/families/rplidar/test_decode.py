@@ -3,6 +3,7 @@
 `tests/properties/test_decoding.py` compares all formats with their scalar references.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -92,11 +93,15 @@ def test_near_targets_are_as_far_beside_the_beam_as_the_reference_says() -> None
     assert np.abs((off + 180) % 360 - 180).max() < 1e-4
 
 
+@pytest.mark.parametrize("untold", [(), range(2, 288, 4), range(96)], ids=["none", "each fourth", "first"])
 @pytest.mark.parametrize("mm", [300, 900])
-def test_a_lost_node_is_missed_where_it_was_though_a_near_target_lies_beside_its_beam(mm: int) -> None:
-    """0x81: where that begins, angles leap by as much as there."""
+def test_a_lost_node_is_missed_where_it_was_though_a_near_target_lies_beside_its_beam(
+    mm: int, untold: Sequence[int]
+) -> None:
+    """0x81: where that begins, angles leap by as much as there. Of those that are untold, none shows its beam."""
     beams, far = [1.25 * at for at in range(288)], [4000] * 288
     near = [*far[:200], *[mm] * 40, *far[240:]]
+    near = [-3000 if at in untold else each for at, each in enumerate(near)]
     full, raw = triangulated(beams, far), triangulated(beams, near)
     decoder = DECODERS[0x81]()
     decoder.decode(arrived(full, 288, 0), full[:5])
