@@ -41,9 +41,9 @@ class Split(NamedTuple):
     packet: int  # number of the packet among the headings given
     marked: bool  # the device marked this packet as the first of the revolution
     broken: bool  # the stream began anew here: the packets before are no revolution
+    seam: int  # heading at which the revolution that begins here should begin; 0 while no seam is known
     # The device marks its revolutions elsewhere than was known: the packets before are only part of one.
     moved: bool = False
-    seam: int = 0  # heading at which the revolution that begins here should begin; 0 while no seam is known
 
 
 class Seam:

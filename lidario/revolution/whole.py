@@ -57,10 +57,11 @@ class WholeAssembler(SectorAssembler):
         wire, count, turn_ns = self._stream.format, event.count, self._turn_ns
         if wire.ticks is not None and self._stream.timed:
             tick_ns, wrap = wire.ticks
-            apart = np.diff(wire.stamps(event)) % wrap * float(tick_ns)
+            stamps = wire.stamps(event)
+            apart = np.diff(stamps, prepend=stamps[:1]) % wrap * float(tick_ns)
             # A clock that leaps was set back: the device was restarted.
             apart[apart > _LEAP_NS] = turn_ns
-            since = np.append(0.0, np.cumsum(apart)).tolist()
+            since = np.cumsum(apart).tolist()
         else:
             since = [number * turn_ns for number in range(count)]
         found: list[float] = []

@@ -35,7 +35,7 @@ def halfway() -> tuple[Assembler, Packets]:
     return pipeline.assembler, event
 
 
-CLEAN = Split(FIRST + EACH, marked=False, broken=False)
+CLEAN = Split(FIRST + EACH, marked=False, broken=False, seam=0)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ CLEAN = Split(FIRST + EACH, marked=False, broken=False)
 def test_one_block_has_one_seam(second: Split, scans: int) -> None:
     assembler, event = halfway()
     before = assembler.stats.scan_packets
-    first = Split(FIRST, marked=False, broken=False)
+    first = Split(FIRST, marked=False, broken=False, seam=0)
     made = assembler.add_block(event, packet_offsets(event.blocks), [first, second], 0)
     assert len(made) == scans
     # It has changed nothing where it has made none.

@@ -72,7 +72,7 @@ def test_after_two_turns_without_a_mark_none_is_waited_for(many: Callable[[list[
     seam = Seam(TURN, None)
     assert seam.splits(many(turn * 2)) == []
     assert seam.angle is None
-    assert seam.splits(many(turn * 3)) == [Split(at, marked=False, broken=False) for at in (5, 10)]
+    assert seam.splits(many(turn * 3)) == [Split(at, marked=False, broken=False, seam=0) for at in (5, 10)]
     assert seam.angle == 0
 
 
@@ -80,7 +80,7 @@ def test_after_two_turns_without_a_mark_none_is_waited_for(many: Callable[[list[
 def test_trembling_where_no_mark_is_waited_for_any_more_ends_no_turn(many: Callable[[list[int]], Headings]) -> None:
     turn = [1_000, 9_000, 18_000, 27_000, 35_000]
     headings = [*turn, *turn, 500, 35_800, *turn, 1_000]
-    assert Seam(TURN, None).splits(many(headings)) == [Split(17, marked=False, broken=False)]
+    assert Seam(TURN, None).splits(many(headings)) == [Split(17, marked=False, broken=False, seam=0)]
 
 
 def steady(restart: int, *, begin: int = 20_000, step: int = 1_000) -> list[Split]:
@@ -96,7 +96,7 @@ def test_a_restart_that_fits_the_steady_step_is_none(restart: int) -> None:
 
 @pytest.mark.parametrize("restart", [0, 200, 1_500, 5_500, 9_000, 10_000, 20_000, TURN - 1_000])
 def test_a_restart_elsewhere_is_one(restart: int) -> None:
-    assert steady(restart) == [Split(8, marked=False, broken=True)]
+    assert steady(restart) == [Split(8, marked=False, broken=True, seam=0)]
 
 
 @pytest.mark.parametrize(("restart", "is_one"), [(1_000, True), (2_000, False), (3_000, True)])
@@ -107,8 +107,8 @@ def test_of_uneven_steps_the_middle_one_is_the_steady_one(restart: int, is_one: 
 
 
 def test_a_restart_of_which_no_step_is_known_is_one() -> None:
-    assert Seam(TURN, 0).splits([20_000 | RESTARTS]) == [Split(0, marked=False, broken=True)]
-    assert Seam(TURN, 0).splits([20_000, 21_000 | RESTARTS]) == [Split(1, marked=False, broken=True)]
+    assert Seam(TURN, 0).splits([20_000 | RESTARTS]) == [Split(0, marked=False, broken=True, seam=0)]
+    assert Seam(TURN, 0).splits([20_000, 21_000 | RESTARTS]) == [Split(1, marked=False, broken=True, seam=0)]
 
 
 @pytest.mark.parametrize("around", [0, 45, 89.9, 90, 90.1, 180, 270, 329.9, 330, 330.1, 350])
