@@ -4,15 +4,13 @@ Each runs in a thread of its own, which ends with the call. The loop's executor 
 the loop is closed, and a call that hangs in a driver would keep the program from ending.
 """
 
-import _thread
 import asyncio
 import threading
 from collections.abc import Callable
-from functools import partial
 from typing import TypeVar
 
 from lidario.errors import ConnectFailed, LocalProtocolError
-from lidario.latch import Latch
+from lidario.latch import Latch, start_apart
 from lidario.system import NO_THREADS
 
 T = TypeVar("T")
@@ -46,14 +44,14 @@ def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
     failures: list[RuntimeError] = []
 
     def start() -> None:
-        try:
-            thread.start()
-        except RuntimeError as error:
-            failures.append(error)
-        finally:
-            begun.set()
+        thread.start()
+        begun.set()
 
-    _thread.start_new_thread(start, ())
+    def fail(error: RuntimeError) -> None:
+        failures.append(error)
+        begun.set()
+
+    start_apart(start, fail)
     begun.wait()
     if failures:
         raise failures[0]
@@ -70,9 +68,10 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
         ConnectFailed: The system allows no more threads.
     """
     loop = running_loop()
-    future: asyncio.Future[T] = loop.create_future()
+    over = loop.create_future()
     # Who takes the result out of here keeps or discards it: the loop, which may stop at any moment, or the thread.
     held: list[T] = []
+    failures: list[Exception] = []
     given_up = False
 
     def throw_away() -> None:
@@ -83,34 +82,29 @@ async def run_in_thread(call: Callable[[], T], discard: Callable[[T], None] | No
         if discard is not None:
             discard(result)
 
-    def finish() -> None:
-        if not future.done():
-            future.set_result(held.pop())
-
-    def fail(error: Exception) -> None:
-        if not future.done():
-            future.set_exception(error)
+    def wake() -> None:
+        if not over.done():
+            over.set_result(None)
 
     def work() -> None:
         try:
             held.append(call())
         except Exception as error:
-            _tell(loop, partial(fail, error))
-        else:
-            if not _tell(loop, finish) or given_up:
-                throw_away()
+            failures.append(error)
+        if not _tell(loop, wake) or given_up:
+            throw_away()
 
     try:
         try:
             start_thread(work, "lidario: blocking call")
         except RuntimeError as error:
             raise ConnectFailed(NO_THREADS, reason="missing") from error
-        return await future
+        await over
+        if failures:
+            raise failures.pop()
+        return held.pop()
     except BaseException:
         given_up = True
-        # The result may be there already: it came in the same iteration of the loop as the cancellation.
-        if not future.cancel() and not future.cancelled() and future.exception() is None:
-            held.append(future.result())
         throw_away()
         raise
 
