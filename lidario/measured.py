@@ -16,6 +16,7 @@ from lidario.rotor import Gaps, Rotor, times_of
 from lidario.samples import is_between, metres_of, nearest_return, radians_of, read_only
 
 _RecordT = TypeVar("_RecordT", bound="MeasuredSamples")
+_ValueT = TypeVar("_ValueT")
 
 FloatArray = NDArray[np.float32]
 
@@ -65,23 +66,24 @@ class MeasuredSamples:
             {name: value for name, value in vars(self).items() if name not in _MADE_ON_USE},
         )
 
-    # With `functools.cached_property` they would have no text in `help`, and in Python 3.11 a lock, which a process
-    # that is forked meanwhile would find taken for ever.
+    def _kept(self, name: str, make: Callable[[], _ValueT]) -> _ValueT:
+        """What is computed on first use, and kept beside the fields."""
+        # With `functools.cached_property` it would have no text in `help`, and in Python 3.11 a lock, which a
+        # process that is forked meanwhile would find taken for ever.
+        kept = vars(self)
+        if name not in kept:
+            kept[name] = make()
+        return cast("_ValueT", kept[name])
+
     @property
     def angles(self) -> FloatArray:
         """Radians, float32, counter-clockwise, in [-pi, pi]; 0 is the device's forward axis."""
-        kept = vars(self)
-        if "_angles" not in kept:
-            kept["_angles"] = radians_of(self.device_angles)
-        return cast("FloatArray", kept["_angles"])
+        return self._kept("_angles", lambda: radians_of(self.device_angles))
 
     @property
     def ranges(self) -> FloatArray:
         """Metres, float32; NaN where nothing came back."""
-        kept = vars(self)
-        if "_ranges" not in kept:
-            kept["_ranges"] = metres_of(self.device_distances)
-        return cast("FloatArray", kept["_ranges"])
+        return self._kept("_ranges", lambda: metres_of(self.device_distances))
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -100,22 +102,11 @@ class MeasuredSamples:
         Where no packet is missing, sample ``i`` is at ``stamp_ns + i * time_increment_ns``. Otherwise the samples
         that are missing are counted too, as far as the angles tell how many they are.
         """
-        kept = vars(self)
-        if "_times_ns" not in kept:
-            rotor = self._follow_rotor() if cast("Any", self).lost_packets else None
-            if rotor is None:
-                offsets = np.arange(len(self), dtype=np.int64) * self.time_increment_ns
-            else:
-                offsets = times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
-            kept["_times_ns"] = read_only(offsets + self.stamp_ns)
-        return cast("NDArray[np.int64]", kept["_times_ns"])
+        return self._kept("_times_ns", lambda: read_only(self._offsets_ns() + self.stamp_ns))
 
     def directions(self) -> tuple[FloatArray, FloatArray]:
         """Cosine and sine of `angles`, each float32, shape (n,)."""
-        kept = vars(self)
-        if "_directions" not in kept:
-            kept["_directions"] = read_only(np.cos(self.angles)), read_only(np.sin(self.angles))
-        return cast("tuple[FloatArray, FloatArray]", kept["_directions"])
+        return self._kept("_directions", lambda: (read_only(np.cos(self.angles)), read_only(np.sin(self.angles))))
 
     def xy(self) -> NDArray[np.float32]:
         """Cartesian points in metres, float32, shape (n, 2): x forward, y left; NaN rows without a return."""
@@ -173,6 +164,13 @@ class MeasuredSamples:
         return Return(
             metres_of(self.device_distances[one]).item(), radians_of(self.device_angles[one]).item(), index
         )
+
+    def _offsets_ns(self) -> NDArray[np.int64]:
+        """When each sample was measured, after the first one."""
+        rotor = self._follow_rotor() if cast("Any", self).lost_packets else None
+        if rotor is None:
+            return np.arange(len(self), dtype=np.int64) * self.time_increment_ns
+        return times_of(self.device_angles, self.time_increment_ns, rotor, self._gaps)
 
     def _follow_rotor(self) -> Rotor | None:
         """How the rotor turned meanwhile; None where that is not known, as here."""
