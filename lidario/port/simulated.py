@@ -25,9 +25,9 @@ from lidario.port.serial import open_serial
 from lidario.port.sockets import open_tcp, open_udp
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
-from lidario.sim.memory import TICK_S
+from lidario.sim.memory import TICK_S, MemoryLine
 from lidario.sim.rooms import make_world
-from lidario.sim.serve import MemoryLine, PtyServer, TcpServer, UdpServer, usual_way
+from lidario.sim.serve import PtyServer, TcpServer, UdpServer, usual_way
 from lidario.simulation import serial_of
 from lidario.source import Source, quoted
 

@@ -11,10 +11,8 @@ import sys
 
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults
-from lidario.sim.memory import TICK_S, MemoryLine
+from lidario.sim.memory import TICK_S
 from lidario.sim.server import READ, Server
-
-__all__ = ["MemoryLine", "PtyServer", "TcpServer", "UdpServer", "usual_way"]
 
 
 def usual_way(device: SimulatedDevice) -> str:

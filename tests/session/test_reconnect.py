@@ -10,7 +10,7 @@ import pytest
 from lidario import open_lidar
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
-from lidario.sim.serve import MemoryLine
+from lidario.sim.memory import MemoryLine
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, is_off, left_still, make_rig, names, scanning, some
 from tests.support.ledger import assert_stats_close

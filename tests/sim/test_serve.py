@@ -12,7 +12,8 @@ import time
 import pytest
 
 from lidario.sim.faults import parse_faults
-from lidario.sim.serve import MemoryLine, TcpServer
+from lidario.sim.memory import MemoryLine
+from lidario.sim.serve import TcpServer
 from tests.support.children import until
 from tests.support.parrot import BOUND, Parrot, read_exactly
 from tests.support.replug import ReplugTcpServer

@@ -11,7 +11,7 @@ from lidario import ConnectFailed, Lidar, Scan, ScanStream
 from lidario.port import simulated
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
-from lidario.sim.serve import MemoryLine
+from lidario.sim.memory import MemoryLine
 from tests.support.devices import Rig, make_rig
 from tests.support.loop import now, now_ns
 

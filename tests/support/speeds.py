@@ -15,7 +15,8 @@ from lidario.port.diagnose import busy
 from lidario.port.port import Port
 from lidario.port.simulated import MemoryTransport
 from lidario.session.finding.discovery import PortInfo
-from lidario.sim.serve import MemoryLine, PtyServer
+from lidario.sim.memory import MemoryLine
+from lidario.sim.serve import PtyServer
 
 _TCGETS2 = 0x802C542A
 _SPEED_AT = 40
