@@ -118,7 +118,7 @@ def of_adapter(machine: Machine, port: lidario.PortInfo) -> Iterator[Finding]:
         text = f"{port.description or 'unknown'}: lidars are not sold with it"
         yield Finding("adapter", "hint", text, port=port.path)
         return
-    fastest = ADAPTERS[port.adapter].fastest if port.adapter in ADAPTERS else 0
+    fastest = ADAPTERS[port.adapter].fastest
     speed = f", up to {fastest} baud" if fastest else ""
     yield Finding("adapter", "ok", port.adapter + speed, port=port.path)
     if usb is None:
@@ -144,7 +144,7 @@ async def _of_device(machine: Machine, source: str, port: lidario.PortInfo | Non
             found.append(Finding("access", "ok", "may be opened, and no other program holds it", port=source))
             name = introduced(lidar.info.model, lidar.info.serial, lidar.info.firmware)
             found.append(Finding("response", "ok", f"{name}{at}", port=source))
-            fastest = ADAPTERS[port.adapter].fastest if port is not None and port.adapter in ADAPTERS else 0
+            fastest = ADAPTERS[port.adapter].fastest if port is not None and port.adapter else 0
             if 0 < fastest < lidar.baudrate:
                 text = f"{lidar.baudrate} baud is more than the adapter is made for ({fastest})"
                 found.append(Finding("speed", "hint", text, "an adapter that is made for it", source))
