@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -28,13 +29,49 @@ from lidario.words import counted
 
 
 @dataclass
-class _Tally:
-    """What was read so far; an interrupted command needs it, too."""
+class _Reading:
+    """Scans that are read and written. What was read so far, an interrupted command needs, too."""
 
+    for_people: bool
+    header: str  # what stands before the first one
+    as_text: Callable[[lidario.Scan], str]
+    writer: Worker = field(default_factory=lambda: Worker("lidario: stdout"))
     lidar: lidario.Lidar | None = None
     last: lidario.Scan | None = None
     count: int = 0
     began: float = field(default_factory=time.monotonic)
+
+    async def read(
+        self, lidar: lidario.Lidar, mode: str | int | None, count: int, begun: Callable[[], None]
+    ) -> None:
+        """Read and write so many scans, 0 for all that come; calls `begun` before the first one."""
+        self.lidar, self.began = lidar, time.monotonic()
+        async with lidar.scans(mode) as stream:
+            async for scan in stream:
+                if self.last is None:
+                    begun()
+                    if self.for_people:
+                        message(f"{introduced(lidar.info.model, lidar.info.serial)}, mode {scan.mode}")
+                    await self.writer.call(partial(emit, self.header))
+                await self.writer.call(partial(emit, self.as_text(scan)))
+                self.last, self.count = scan, self.count + 1
+                if self.count == count:
+                    return
+        if self.last is None:
+            raise lidario.RecordingError(f"{lidar.source} holds no full revolution")
+
+    def sum_up(self) -> None:
+        """On stderr, since stdout may hold data."""
+        assert self.lidar is not None
+        stats = self.lidar.stats
+        took = time.monotonic() - self.began
+        if sys.stderr.isatty():
+            message("")  # the terminal has just echoed ^C
+        message(
+            f"{counted(self.count, 'scan')} in {took:.1f} s; {counted(stats.lost_packets, 'packet')} lost, "
+            f"{counted(stats.skipped_bytes, 'byte')} skipped, {counted(stats.dropped_scans, 'scan')} dropped"
+            + (f", {counted(stats.reconnects, 'reconnect')}" if stats.reconnects else "")
+        )
 
 
 @click.command()
@@ -67,12 +104,13 @@ def scan(
         raise click.UsageError("--json and --csv exclude each other")
     from lidario.cli import formats
 
-    for_people, header, as_text = not (as_json or as_csv), formats.ROW_HEADER, formats.as_row
+    config = settings_of_file()
     if as_json:
-        header, as_text = "", formats.as_json
+        reading = _Reading(False, "", formats.as_json)
     elif as_csv:
-        header, as_text = formats.CSV_HEADER, formats.as_csv
-    config, tally, writer = settings_of_file(), _Tally(), Worker("lidario: stdout")
+        reading = _Reading(False, formats.CSV_HEADER, formats.as_csv)
+    else:
+        reading = _Reading(True, formats.ROW_HEADER, formats.as_row)
     failure: Exception | None = None
 
     async def work() -> None:
@@ -82,21 +120,7 @@ def scan(
         with ExitStack() as waiting:
             waiting.enter_context(progress(f"waiting for {source if source != 'auto' else 'the first scan'} …"))
             async with opening as lidar:
-                tally.lidar, tally.began = lidar, time.monotonic()
-                async with lidar.scans(mode) as stream:
-                    async for scan in stream:
-                        if not tally.count:
-                            waiting.close()
-                            if for_people:
-                                about = introduced(lidar.info.model, lidar.info.serial)
-                                message(f"{about}, mode {scan.mode}")
-                            await writer.call(partial(emit, header))
-                        await writer.call(partial(emit, as_text(scan)))
-                        tally.last, tally.count = scan, tally.count + 1
-                        if tally.count == count:
-                            return
-                    if not tally.count:
-                        raise lidario.RecordingError(f"{source} holds no full revolution")
+                await reading.read(lidar, mode, count, waiting.close)
 
     try:
         run(work)
@@ -105,28 +129,14 @@ def scan(
     except lidario.LidarError as error:
         failure = error
     finally:
-        taken = writer.close()
-    if tally.last is not None:
-        if for_people and failure is None and taken:
+        taken = reading.writer.close()
+    if reading.last is not None:
+        if reading.for_people and failure is None and taken:
             from lidario.cli.picture import picture
 
             target = console()
-            emit("\n" + rendered(target, picture(tally.last, target)))
+            emit("\n" + rendered(target, picture(reading.last, target)))
         if count != 1:
-            _sum_up(tally)
+            reading.sum_up()
     if failure is not None:
         raise failure
-
-
-def _sum_up(tally: _Tally) -> None:
-    """On stderr, since stdout may hold data."""
-    assert tally.lidar is not None
-    stats = tally.lidar.stats
-    took = time.monotonic() - tally.began
-    if sys.stderr.isatty():
-        message("")  # the terminal has just echoed ^C
-    message(
-        f"{counted(tally.count, 'scan')} in {took:.1f} s; {counted(stats.lost_packets, 'packet')} lost, "
-        f"{counted(stats.skipped_bytes, 'byte')} skipped, {counted(stats.dropped_scans, 'scan')} dropped"
-        + (f", {counted(stats.reconnects, 'reconnect')}" if stats.reconnects else "")
-    )
