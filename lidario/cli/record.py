@@ -48,6 +48,40 @@ class _Told:
         error = None if self.recording is None else self.recording.error
         return error is None or error not in (entry.args or ())
 
+    async def follow(
+        self, recording: lidario.Recording, stream: lidario.ScanStream, seconds: float | None, count: int | None
+    ) -> None:
+        """Read until there is as much as was asked for, or the recording has ended."""
+        self.began = time.monotonic()
+        try:
+            async with asyncio.timeout(None) as limit:
+                async for _ in stream:
+                    if seconds is not None and limit.when() is None:
+                        # Not before: until the motor is at its speed, there is nothing to record.
+                        self.began = time.monotonic()
+                        limit.reschedule(asyncio.get_running_loop().time() + seconds)
+                    if recording.error is not None or (count is not None and recording.scans >= count):
+                        return
+        except TimeoutError:
+            return
+
+    def so_far(self) -> str:
+        """How much was recorded; empty as long as nothing was."""
+        recording = self.recording
+        if recording is None or self.began is None:
+            return ""
+        elapsed = time.monotonic() - self.began
+        files = f", {recording.files} files" if recording.files > 1 else ""
+        scans = counted(recording.scans, "scan")
+        return f"{recording.source}: {elapsed:.0f} s, {scans}, {recording.size / 1e6:.1f} MB{files}"
+
+    def sum_up(self) -> None:
+        """Tell how much was recorded, and what is missing in the file."""
+        if self.recording is not None and self.began is not None:
+            message(self.so_far())
+            if lost := self.recording.lost_bytes:
+                message(f"without {counted(lost, 'byte')}, because the file could not be written")
+
 
 @click.command()
 @source_argument
@@ -99,7 +133,7 @@ def record(
     config = settings_of_file()
 
     async def work() -> None:
-        with progress(lambda: f"opening {source} …" if told.began is None else _so_far(told)):
+        with progress(lambda: told.so_far() or f"opening {source} …"):
             async with lidario.open_lidar(source, guard=guard, reconnect=reconnect, config=config) as lidar:
                 messages = laserscans_of(of_scans, lidar.config.frame) if scans else False
                 told.recording = lidar.record(
@@ -107,7 +141,7 @@ def record(
                     split_s=split_s, split_bytes=split_bytes, keep_bytes=keep,
                 )  # fmt: skip
                 async with told.recording, lidar.scans(mode) as stream:
-                    await _follow(told, told.recording, stream, seconds, count)
+                    await told.follow(told.recording, stream, seconds, count)
 
     log = logging.getLogger("lidario")
     log.addFilter(told)
@@ -118,7 +152,7 @@ def record(
             raise
     finally:
         log.removeFilter(told)
-        _sum_up(told)
+        told.sum_up()
     if told.recording is not None and told.recording.error is not None:
         raise told.recording.error
     emit(f"{path if told.recording is None else told.recording.source}\n")
@@ -133,38 +167,3 @@ def _check(path: str, replaces: bool) -> None:
     if named is None or str(named.path) != str(Path(path)):
         raise click.UsageError(f"{path!r} means something else as a SOURCE: give the file another name")
     must_be_writable(Path(path), overwrite=replaces)
-
-
-async def _follow(
-    told: _Told, recording: lidario.Recording, stream: lidario.ScanStream, seconds: float | None, count: int | None
-) -> None:
-    """Read until there is as much as was asked for, or the recording has ended."""
-    told.began = time.monotonic()
-    try:
-        async with asyncio.timeout(None) as limit:
-            async for _ in stream:
-                if seconds is not None and limit.when() is None:
-                    # Not before: until the motor is at its speed, there is nothing to record.
-                    told.began = time.monotonic()
-                    limit.reschedule(asyncio.get_running_loop().time() + seconds)
-                if recording.error is not None or (count is not None and recording.scans >= count):
-                    return
-    except TimeoutError:
-        return
-
-
-def _so_far(told: _Told) -> str:
-    recording = told.recording
-    assert recording is not None
-    assert told.began is not None
-    elapsed = time.monotonic() - told.began
-    files = f", {recording.files} files" if recording.files > 1 else ""
-    scans = counted(recording.scans, "scan")
-    return f"{recording.source}: {elapsed:.0f} s, {scans}, {recording.size / 1e6:.1f} MB{files}"
-
-
-def _sum_up(told: _Told) -> None:
-    if told.recording is not None and told.began is not None:
-        message(_so_far(told))
-        if told.recording.lost_bytes:
-            message(f"without {counted(told.recording.lost_bytes, 'byte')}, because the file could not be written")
