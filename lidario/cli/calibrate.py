@@ -86,13 +86,7 @@ def calibrate(
         with write_whole(Path(picture), overwrite=True) as part:
             part.write_text(drawn, encoding="utf-8")
         message(f"picture: {picture}")
-    # Seen from below, left is right: then a wrong place may be found that explains many points.
-    upside_down = lidario.register(fixed, moving * (1.0, -1.0), guess=guess)
-    fits_better = upside_down.share >= LEAST_SHARE and found.share < RIVAL * upside_down.share
-    doubt = UPSIDE_DOWN if fits_better else _doubt(found)
-    if not doubt and lidario.looseness(fixed, moving, found) > RIVAL:
-        doubt = LOOSE
-    if doubt:
+    if doubt := _doubt(fixed, moving, guess, found):
         raise lidario.LidarError(doubt)
     base = config.of(one.serial).mount or lidario.Mount()
     mount = _behind(base, found.mount)
@@ -126,8 +120,17 @@ def _cloud(scans: list[lidario.Scan], mount: lidario.Mount | None = None) -> NDA
     return np.concatenate([np.zeros((0, 2), np.float32), *(scan.points(mount).xy for scan in scans)])
 
 
-def _doubt(found: lidario.Registration) -> str:
+def _doubt(
+    fixed: NDArray[np.float32],
+    moving: NDArray[np.float32],
+    guess: lidario.Mount | None,
+    found: lidario.Registration,
+) -> str:
     """Why the result is not to be trusted; empty where it is."""
+    # Seen from below, left is right: then a wrong place may be found that explains many points.
+    upside_down = lidario.register(fixed, moving * (1.0, -1.0), guess=guess)
+    if upside_down.share >= LEAST_SHARE and found.share < RIVAL * upside_down.share:
+        return UPSIDE_DOWN
     if found.share < LEAST_SHARE or found.residual > FARTHEST_RESIDUAL_M:
         return (
             f"only {100 * found.share:.0f} % of the points of B lie on those of A: do both see the same room, and "
@@ -139,7 +142,7 @@ def _doubt(found: lidario.Registration) -> str:
             f"points, and this one {100 * found.share:.0f} %. --guess says about where B is, or put something into "
             "the room"
         )
-    return ""
+    return LOOSE if lidario.looseness(fixed, moving, found) > RIVAL else ""
 
 
 def _behind(base: lidario.Mount, step: lidario.Mount) -> lidario.Mount:
