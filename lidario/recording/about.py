@@ -4,6 +4,7 @@ It is one metadata record of the file, named `NAME`, whose values are all texts.
 anybody, so `About.of` takes whatever is there and replaces what cannot be right.
 """
 
+import re
 from dataclasses import asdict, dataclass, field
 from typing import Self
 
@@ -13,10 +14,10 @@ from lidario.recording.chronicle import MOST_NS, MOST_RESPONSES, StreamBegan, St
 
 NAME = "lidario"
 FORMAT = "1"
-MOST_DIGITS = 20
 LONGEST_TEXT = 200
 MOST_EVENTS = MOST_RESPONSES + 1
 """All responses, and the stream that runs."""
+_WHOLE = re.compile(r"-?[0-9]{1,19}")
 _AS_IT_IS = ("source", "baudrate", "clock_offset_ns", "received_before", "recording", "began_ns")
 NOT_TOLD = Health(HealthStatus.WARNING, 0, "the recording does not tell")
 
@@ -65,10 +66,8 @@ class About:
             return printable(texts.get(name, "")[:LONGEST_TEXT])
 
         def number(name: str, least: int = 0) -> int:
-            digits = texts.get(name, "")
-            sign, digits = (-1, digits[1:]) if digits.startswith("-") else (1, digits)
-            value = int(digits) if digits.isascii() and digits.isdigit() and len(digits) < MOST_DIGITS else 0
-            return max(sign * min(value, MOST_NS), least)
+            digits = _WHOLE.fullmatch(texts.get(name, ""))
+            return max(min(int(digits[0]), MOST_NS), least) if digits else 0
 
         status = next((each for each in HealthStatus if each.value == text("health")), None)
         lines = texts.get("events", "").split("\n", MOST_EVENTS)[:MOST_EVENTS]
