@@ -106,28 +106,39 @@ def read_records(file: StoredFile) -> Iterator[Channel | Message | Metadata | Da
         if opcode in (_NONE, _FOOTER_OP):
             yield Damage("what follows makes no sense")
             return
-        crc = None if crc is None else crc32(head, crc)
-        largest = _LARGEST.get(opcode, _PASSED_OVER)
-        is_whole = length <= min(largest, file.left)
-        content = file.read(length) if is_whole else b""
-        crc = crc32(content, crc) if is_whole and crc is not None else None
-        if opcode == _CHUNK_OP:
-            if not is_whole and length > file.left:
-                content = file.read(largest)
-            if (is_whole or content) and not (yield from _chunk(memoryview(content), is_whole)):
-                return
-        elif is_whole and opcode == _METADATA:
-            found = _metadata(memoryview(content))
-            if found is not None:
-                yield found
-        elif is_whole and opcode in _LARGEST:
-            yield from _inside(memoryview(head + content))
+        content = _content(file, opcode, length)
+        is_whole = len(content) == length
+        crc = crc32(content, crc32(head, crc)) if is_whole and crc is not None else None
+        if not (yield from _record(opcode, head, content, is_whole)):
+            return
         if behind > file.size:
             yield Damage(CUT)
             return
         if not is_whole and opcode in _LARGEST:
             yield Damage(TOO_LARGE, missing=opcode in (_MESSAGE_OP, _CHUNK_OP))
         file.seek(behind)
+
+
+def _content(file: StoredFile, opcode: int, length: int) -> bytes:
+    """What a record has behind its head, where that is not too long; of a chunk that was cut what is there."""
+    largest = _LARGEST.get(opcode, _PASSED_OVER)
+    if length <= min(largest, file.left):
+        return file.read(length)
+    return file.read(largest) if opcode == _CHUNK_OP and length > file.left else b""
+
+
+def _record(
+    opcode: int, head: bytes, content: bytes, is_whole: bool
+) -> Generator[Channel | Message | Metadata | Damage, None, bool]:
+    """What one record tells; returns whether to go on, as `_chunk`."""
+    if opcode == _CHUNK_OP:
+        return (yield from _chunk(memoryview(content), is_whole))
+    if is_whole and opcode == _METADATA:
+        if (found := _metadata(memoryview(content))) is not None:
+            yield found
+    elif is_whole and opcode in _LARGEST:
+        yield from _inside(memoryview(head + content))
+    return True
 
 
 def _end(file: StoredFile, index: _Index, crc: int | None) -> Iterator[Damage]:
