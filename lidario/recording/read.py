@@ -199,46 +199,51 @@ class McapRecording(StoredStreams):
         super().__init__(path)
         self._files = RecordedFiles(path, paths or (path,))
         self.paths: tuple[Path, ...] = self._files.paths
-        self._events: list[StreamEvent] = []
-        about: About | None = None
-        first = last = None
-        told: Counter[str] = Counter()
-        for record in self._files.records():
-            if isinstance(record, StoredChunk):
-                if first is None and any(isinstance(each, StreamBegan) for each in self._events):
-                    first = record.at_ns
-                last = record.at_ns
-            elif isinstance(record, About):
-                about = record
-                self._events += record.events
-            elif isinstance(record, Damage):
-                told[record.why] += 1
-            elif isinstance(record, LineChanged):
-                self.away_ns: tuple[int, ...] = (*self.away_ns, record.away_ns)
-            elif isinstance(record, StreamEvent):
-                self._events.append(record)
-        self.damage: str = "; ".join(f"{why} ({times} times)" if times > 1 else why for why, times in told.items())
-        if about is None:
-            why = self.damage or "it says nothing of a lidar"
-            raise RecordingError(f"{path} is not a recording of lidario: {why}")
-        self.about = about
+        events = self._go_through()
         self.size: int = self._files.size
-        if first is not None and last is not None:
-            self.duration_ns: int = max(0, last - first)
-        self.began_ns: int = (first or 0) - about.clock_offset_ns
-        if not about.info.family:
+        self.responses: dict[bytes, Responded] = EventState(events).responses
+        if not self.about.info.family:
             raise RecordingError(f"{path} is of a device that responds in no known way: nothing is decoded")
         try:
-            self.streams: tuple[StoredStream, ...] = tuple(self._find_streams(family_named(about.info.family)))
+            family = family_named(self.about.info.family)
         except ConnectFailed as error:
             raise RecordingError(f"{path}: {error}") from error
-        self.responses: dict[bytes, Responded] = EventState(self._events).responses
-        self._events.clear()
+        self.streams: tuple[StoredStream, ...] = tuple(self._find_streams(family, events))
         if not self.streams:
             why = f": {self.damage}" if self.damage else ""
             raise RecordingError(f"{path} has no measurement stream{why}")
         for stream in self.streams:
             stream.open()
+
+    def _go_through(self) -> list[StreamEvent]:
+        """Read all of it once: what it is of, what is damaged, when it began and ended. Returns its events."""
+        about: About | None = None
+        events: list[StreamEvent] = []
+        first = last = None
+        told: Counter[str] = Counter()
+        for record in self._files.records():
+            if isinstance(record, StoredChunk):
+                if first is None and any(isinstance(each, StreamBegan) for each in events):
+                    first = record.at_ns
+                last = record.at_ns
+            elif isinstance(record, About):
+                about = record
+                events += record.events
+            elif isinstance(record, Damage):
+                told[record.why] += 1
+            elif isinstance(record, LineChanged):
+                self.away_ns: tuple[int, ...] = (*self.away_ns, record.away_ns)
+            elif isinstance(record, StreamEvent):
+                events.append(record)
+        self.damage: str = "; ".join(f"{why} ({times} times)" if times > 1 else why for why, times in told.items())
+        if about is None:
+            why = self.damage or "it says nothing of a lidar"
+            raise RecordingError(f"{self.path} is not a recording of lidario: {why}")
+        self.about = about
+        if first is not None and last is not None:
+            self.duration_ns: int = max(0, last - first)
+        self.began_ns: int = (first or 0) - about.clock_offset_ns
+        return events
 
     def pieces(self) -> Iterator[Piece]:
         offset_ns = self.about.clock_offset_ns
@@ -271,11 +276,11 @@ class McapRecording(StoredStreams):
                 texts += 1
                 yield at_ns, partial(FileWriter.add_metadata, name=record.name, texts=record.texts)
 
-    def _find_streams(self, family: Family) -> Iterator[StoredStream]:
+    def _find_streams(self, family: Family, events: Sequence[StreamEvent]) -> Iterator[StoredStream]:
         began: StreamBegan | None = None
         offsets: list[ZeroOffsetSet] = []
         least = self.about.received_before
-        for event in self._events:
+        for event in events:
             if isinstance(event, StreamBegan):
                 # Places only grow; a file that says otherwise is not ours.
                 if event.at >= least or began is None:
