@@ -158,28 +158,16 @@ def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan |
     A beam without a valid range becomes a sample without a return. Intensities below 0 become 0, those above 255
     become 255. None where the figures cannot be those of a scan.
     """
-    count = len(laser.ranges)
-    if count > MOST_SAMPLES or abs(laser.stamp_ns) >= MOST_NS // 2:
+    every_s = _seconds_of_beam(laser)
+    if every_s is None:
         return None
-    figures = (laser.angle_min, laser.angle_increment, laser.time_increment, laser.scan_time)
-    if not all(map(math.isfinite, figures)):
-        return None
-    if abs(laser.angle_increment) * count > 4 * math.pi or abs(laser.angle_min) > 4 * math.pi:
-        return None
-    every_s = laser.time_increment
-    if not every_s and 0 < laser.scan_time <= _LONGEST_S and count:
-        # It says nothing of the time of a beam: the devices of most drivers turn clockwise.
-        every_s = -math.copysign(laser.scan_time / count, laser.angle_increment)
-    if abs(every_s) * max(count, 1) > _LONGEST_S:
-        return None
+    count, wall_ns, step_deg = len(laser.ranges), laser.stamp_ns, -math.degrees(laser.angle_increment)
     ranges, strengths = laser.ranges, laser.intensities if len(laser.intensities) == count else None
     angles = -np.degrees(laser.angle_min + laser.angle_increment * np.arange(count))
-    wall_ns = laser.stamp_ns
     if every_s < 0:
-        ranges, angles = ranges[::-1], angles[::-1]
+        ranges, angles, step_deg = ranges[::-1], angles[::-1], -step_deg
         strengths = None if strengths is None else strengths[::-1]
         wall_ns += round((count - 1) * every_s * 1e9) if count else 0
-    step_deg = -math.degrees(laser.angle_increment) * (-1.0 if every_s < 0 else 1.0)
     farthest = laser.range_max if 0 < laser.range_max < _MOST_METRES else _MOST_METRES
     valid = (ranges >= laser.range_min) & (ranges <= farthest) & (ranges > 0)
     turned = (angles % 360.0).astype(np.float32)
@@ -206,6 +194,24 @@ def scan_of_laserscan(laser: LaserScan, seq: int, wall_offset_ns: int) -> Scan |
         # The beams stand in the middle of their steps.
         seam=float((angles[0] - step_deg / 2) % 360.0) if count and step_deg > 0 and whole else 0.0,
     )
+
+
+def _seconds_of_beam(laser: LaserScan) -> float | None:
+    """Seconds from one beam to the next, negative where the last one was measured first.
+
+    None where the figures cannot be those of a scan.
+    """
+    count = len(laser.ranges)
+    figures = (laser.angle_min, laser.angle_increment, laser.time_increment, laser.scan_time)
+    if count > MOST_SAMPLES or abs(laser.stamp_ns) >= MOST_NS // 2 or not all(map(math.isfinite, figures)):
+        return None
+    if abs(laser.angle_increment) * count > 4 * math.pi or abs(laser.angle_min) > 4 * math.pi:
+        return None
+    every_s = laser.time_increment
+    if not every_s and 0 < laser.scan_time <= _LONGEST_S and count:
+        # It says nothing of the time of a beam: the devices of most drivers turn clockwise.
+        every_s = -math.copysign(laser.scan_time / count, laser.angle_increment)
+    return every_s if abs(every_s) * max(count, 1) <= _LONGEST_S else None
 
 
 def encode_raw_message(entries: Iterable[Entry]) -> bytes:
