@@ -10,7 +10,6 @@ anew.
 """
 
 import asyncio
-import json
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeVar
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
 from lidario.network.keys import Sender
-from lidario.network.router import OpenSession, check_router, the_package, why_no_router, words_of
+from lidario.network.router import OpenSession, check_router, put_into, the_package, why_no_router, words_of
 from lidario.port.background import run_in_thread, running_loop
 
 if TYPE_CHECKING:
@@ -302,14 +301,17 @@ def _collected(replies: Iterable[Any]) -> list[Sample]:
 def _config(module: Any, router: str) -> "zenoh.Config":
     # Certificates, user names and all else that a network may need stand in a file of the user's.
     config: zenoh.Config = module.Config.from_env() if "ZENOH_CONFIG" in os.environ else module.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([router]))
-    # Only the router that was named: another one that happens to be on the network is not asked for.
-    config.insert_json5("scouting/multicast/enabled", "false")
-    # How soon it tries again when the router is gone: zenoh's own first wait is a second.
-    config.insert_json5("connect/retry", "{period_init_ms: 250, period_max_ms: 4000, period_increase_factor: 2}")
-    # It would put together messages of a gigabyte from their fragments.
-    config.insert_json5("transport/link/rx/max_message_size", str(2 * MOST_MESSAGE_BYTES))
-    # It would keep files in /dev/shm open for messages of a few kilobytes.
-    config.insert_json5("transport/shared_memory/enabled", "false")
+    settings = {
+        "mode": "client",
+        "connect/endpoints": [router],
+        # Only the router that was named: another one that happens to be on the network is not asked for.
+        "scouting/multicast/enabled": False,
+        # How soon it tries again when the router is gone: zenoh's own first wait is a second.
+        "connect/retry": {"period_init_ms": 250, "period_max_ms": 4000, "period_increase_factor": 2},
+        # It would put together messages of a gigabyte from their fragments.
+        "transport/link/rx/max_message_size": 2 * MOST_MESSAGE_BYTES,
+        # It would keep files in /dev/shm open for messages of a few kilobytes.
+        "transport/shared_memory/enabled": False,
+    }
+    put_into(config, settings)
     return config

@@ -16,7 +16,7 @@ import os
 import re
 import socket
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Self
@@ -114,6 +114,12 @@ def why_no_router(router: str) -> ConnectFailed:
     except OSError:
         return absent
     return absent
+
+
+def put_into(config: Any, settings: Mapping[str, object]) -> None:
+    """Put settings into a configuration of zenoh, each by its path there. Raises ZError where one cannot be."""
+    for name, value in settings.items():
+        config.insert_json5(name, json.dumps(value))
 
 
 def words_of(error: Exception) -> str:
@@ -239,8 +245,11 @@ def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:
             "scouting/delay": 1,
             "transport/shared_memory/enabled": False,
         }
-    for name, value in settings.items():
-        config.insert_json5(name, json.dumps(value))
+    try:
+        put_into(config, settings)
+    except zenoh.ZError as error:
+        where = ", ".join(addresses)
+        raise InvalidValue(f"{where}: zenoh takes no such address to listen at: {words_of(error)}") from error
     return config
 
 

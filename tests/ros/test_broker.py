@@ -109,6 +109,14 @@ async def test_a_place_where_it_cannot_listen(address: str) -> None:
     assert ".rs:" not in str(caught.value)
 
 
+@pytest.mark.parametrize("address", ["tcp/127.0.0.1:7447?", "tcp/127.0.0.1:7447#"])
+async def test_an_address_that_zenoh_cannot_read(address: str) -> None:
+    """It has the sign of more to come, and nothing behind it."""
+    with pytest.raises(InvalidValue, match="zenoh takes no such address to listen at") as caught:
+        await Router.open(address)
+    assert ".rs" not in str(caught.value)
+
+
 @pytest.mark.long
 async def test_a_configuration_says_where(tmp_path: Path) -> None:
     address = free()
