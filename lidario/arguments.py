@@ -36,9 +36,9 @@ def shown(value: object) -> str:
         return f"a very long {type(value).__name__}"
 
 
-def printable(text: str) -> str:
-    """A text of a device, a file or a network without what could control a terminal."""
-    return "".join(each for each in text if each.isprintable())
+def printable(text: object, most: int | None = None) -> str:
+    """What a device, a file or a network says, at `most` so many letters, without what could control a terminal."""
+    return "".join(each for each in str(text)[:most] if each.isprintable())
 
 
 def number(value: object, what: str) -> float:

@@ -10,6 +10,7 @@ import json
 import platform
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -39,6 +40,7 @@ MOST_S: Final = 1e6
 MOST_LETTERS: Final = 1 << 20
 _FACT: Final = "fact: "
 _INTERRUPTED: Final = "the report was ended before"
+_short: Final = partial(printable, most=LONGEST_TEXT)
 
 
 class Tried(NamedTuple):
@@ -226,9 +228,7 @@ def read_report(path: Path) -> Report:
 def report_of(about: About, texts: dict[str, str]) -> Report:
     """The report that the texts of a file tell, as far as they can be right."""
     facts = {
-        printable(name.removeprefix(_FACT)[:LONGEST_TEXT]): printable(text[:LONGEST_TEXT])
-        for name, text in texts.items()
-        if name.startswith(_FACT)
+        _short(name.removeprefix(_FACT)): _short(text) for name, text in texts.items() if name.startswith(_FACT)
     }
     tried = (_tried_of(line) for line in texts.get("tried", "").split("\n", MOST_TRIED)[:MOST_TRIED])
     names = texts.get("rules", "").split("\n", MOST_TRIED)[:MOST_TRIED]
@@ -238,7 +238,7 @@ def report_of(about: About, texts: dict[str, str]) -> Report:
         _modes_of(texts.get("modes", "")),
         _with_the_rest(
             (each for each in tried if each is not None),
-            (printable(name[:LONGEST_TEXT]) for name in names if name),
+            map(_short, filter(None, names)),
         ),
     )
 
@@ -264,7 +264,3 @@ def _tried_of(line: str) -> Tried | None:
 def _figure_of(name: object, value: float, unit: object) -> Figure:
     value = float(value)
     return Figure(_short(name), value if isfinite(value) else 0.0, _short(unit))
-
-
-def _short(text: object) -> str:
-    return printable(str(text)[:LONGEST_TEXT])

@@ -20,6 +20,7 @@ ASK_S: Final = 2.0
 """How long publishers have to respond. Where there is none, the router says so at once."""
 LARGEST: Final = 1 << 18  # bytes of a status that is read; real ones have a few thousand
 _MOST_MODES: Final = 64
+_MOST_LETTERS: Final = 200
 _SUFFIX: Final = status_key("")
 AWAY: Final = "the lidar is away from its publisher"
 
@@ -65,14 +66,14 @@ class Status:
             texts = {str(name): str(value) for name, value in record["about"].items()}
             mode, rate = record.get("mode"), record.get("rate", 0.0)
             return cls(
-                form=_text(record["form"]),
-                robot=_text(record.get("robot", "")),
+                form=printable(record["form"], _MOST_LETTERS),
+                robot=printable(record.get("robot", ""), _MOST_LETTERS),
                 about=About.of(texts),
                 modes=tuple(mode_of(each) for each in record.get("modes", ())[:_MOST_MODES]),
                 mode=None if mode is None else mode_of(mode),
                 rate=float(rate) if isinstance(rate, int | float) and 0 <= rate < 1e6 else 0.0,
-                lost=_text(record.get("lost", "")),
-                sender=_text(record.get("sender", "")),
+                lost=printable(record.get("lost", ""), _MOST_LETTERS),
+                sender=printable(record.get("sender", ""), _MOST_LETTERS),
             )
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return None
@@ -87,7 +88,3 @@ async def statuses(bus: Bus, key: str) -> list[tuple[str, Status]]:
         if (status := Status.of(reply.payload)) is not None:
             found.append((reply.key.removesuffix(_SUFFIX), status))
     return found
-
-
-def _text(value: object) -> str:
-    return printable(str(value)[:200])

@@ -63,7 +63,7 @@ class About:
         """What `as_texts` wrote; what is missing or cannot be right is empty."""
 
         def text(name: str) -> str:
-            return printable(texts.get(name, "")[:LONGEST_TEXT])
+            return printable(texts.get(name, ""), LONGEST_TEXT)
 
         def number(name: str, least: int = 0) -> int:
             digits = _WHOLE.fullmatch(texts.get(name, ""))

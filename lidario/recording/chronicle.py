@@ -240,12 +240,12 @@ def mode_of(record: dict[str, object]) -> ScanMode:
     """
     return ScanMode(
         id=_whole(record["id"]),
-        name=printable(str(record["name"])[:64]),
+        name=printable(record["name"], 64),
         sample_us=_sample(record["sample_us"], 1.0),
         max_distance=_number(record["max_distance"], 0.0, MOST_METRES),
         response_type=_whole(record["response_type"]) & 0xFF,
         typical=record.get("typical") is True,
-        details=printable(str(record.get("details", ""))[:200]),
+        details=printable(record.get("details", ""), 200),
     )
 
 
