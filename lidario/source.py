@@ -109,29 +109,26 @@ class Source:
 
 
 def as_source(source: "str | os.PathLike[str] | SimulatedDevice") -> Source:
-    """Parse what a user may name as a source: a text, the path of a serial port, a simulated device.
+    """Parse what a user may name as a source: a text, the path of a serial port or recording, a simulated device.
 
     Raises as `parse_source`, and InvalidValue where it is none of the three.
     """
     if isinstance(source, str):
         return parse_source(source)
     if isinstance(source, os.PathLike):
-        return parse_source(path_of(source, "a source"))
+        path = str(path_of(source, "a source"))
+        return _checked(Source(path, "file" if path.casefold().endswith(_FILES) else "serial", path))
     if not all(callable(getattr(source, name, None)) for name in ("receive", "transmit", "wakeup")):
         raise InvalidValue(f"a source is a text, a path or a simulated device, not {shown(source)}")
     return Source("simulated", "device", device=source)
 
 
-def parse_source(source: str | os.PathLike[str]) -> Source:
-    """Parse a source; a path object is a serial port, or a recording where its name ends as one.
+def parse_source(text: str) -> Source:
+    """Parse the text of a source.
 
     Raises:
         ConnectFailed: With reason ``source``, when the text is not a source; the message says why.
     """
-    if not isinstance(source, str):
-        text = os.fspath(source)
-        return _checked(Source(text, "file" if text.casefold().endswith(_FILES) else "serial", text))
-    text = source
     if text in ("", "auto"):
         return Source(text or "auto", "auto")
     if text.startswith("id:"):

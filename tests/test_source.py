@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lidario import ConnectFailed, InvalidValue, open_lidar
 from lidario.families.registry import check_source
 from lidario.port.simulated import make_device
-from lidario.source import parse_source
+from lidario.source import as_source, parse_source
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ from lidario.source import parse_source
     ],
 )
 def test_sources(text: str | Path, kind: str, address: str, options: dict[str, str]) -> None:
-    source = parse_source(text)
+    source = as_source(text)
     assert (source.kind, source.address, source.options) == (kind, address, options)
     assert source.text == (str(text) or "auto")
 
