@@ -159,7 +159,7 @@ class Recording(Entered):
                 self._thread = start_thread(partial(self._run, about), "lidario: recording")
             except RuntimeError as error:
                 raise CannotRecord(f"{self.path} cannot be written: {NO_THREADS}") from error
-            await _until(lambda: self._open.is_set() or self.error is not None, CLOSE_TIMEOUT_S)
+            await _until(lambda: self._open.is_set() or self.error is not None)
         except BaseException:
             self._end()
             raise
@@ -175,7 +175,7 @@ class Recording(Entered):
         thread = self._thread
         self._end()
         if thread is not None:
-            await _until(lambda: not thread.is_alive(), CLOSE_TIMEOUT_S)
+            await _until(lambda: not thread.is_alive())
             if thread.is_alive():
                 self._fail(CannotRecord(f"{self.path}: the disk has not taken the rest for {CLOSE_TIMEOUT_S:g} s"))
 
@@ -279,9 +279,9 @@ def _is_same(one: Path, other: Path) -> bool:
     return False
 
 
-async def _until(condition: Callable[[], bool], seconds: float) -> None:
+async def _until(condition: Callable[[], bool]) -> None:
     """Return when `condition` holds, or the time is up. The system's clock decides, not the loop's."""
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + CLOSE_TIMEOUT_S
     # Polled, since another thread makes it true, and a loop whose clock is driven waits for no thread.
     while not condition() and time.monotonic() < deadline:  # noqa: ASYNC110
         await asyncio.sleep(POLL_S)

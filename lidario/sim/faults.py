@@ -142,7 +142,7 @@ class Faults:
 
     def wakeup(self, now: int) -> int | None:
         """When `apply` must be called though the device sends nothing: something comes, or the cable goes."""
-        times = [due for due, _ in list(self._under_way)[:1]]
+        times = [self._under_way[0][0]] if self._under_way else []
         if self._babble_from is None:
             self._babble_from = now
         if self.babble:
