@@ -300,7 +300,7 @@ def _collected(replies: Iterable[Any]) -> list[Sample]:
 
 def _config(module: Any, router: str) -> "zenoh.Config":
     # Certificates, user names and all else that a network may need stand in a file of the user's.
-    config: zenoh.Config = module.Config.from_env() if "ZENOH_CONFIG" in os.environ else module.Config()
+    config: zenoh.Config = module.Config.from_env() if os.environ.get("ZENOH_CONFIG") else module.Config()
     settings = {
         "mode": "client",
         "connect/endpoints": [router],

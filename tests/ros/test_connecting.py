@@ -57,6 +57,13 @@ async def test_a_configuration_is_taken(router: Router, monkeypatch: pytest.Monk
     await bus.close()
 
 
+async def test_a_configuration_without_a_name_is_none(router: Router, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A service manager or a container may set a variable to nothing."""
+    monkeypatch.setenv("ZENOH_CONFIG", "")
+    async with await Bus.open(router.address) as bus:
+        assert bus.is_connected
+
+
 async def test_no_exception_of_zenoh_leaves(router: Router) -> None:
     bus = await Bus.open(router.address)
     for call in (
