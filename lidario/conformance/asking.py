@@ -14,7 +14,7 @@ QUESTIONS = 5
 )
 async def identity_in_time(bench: Bench) -> str:
     """It says what it is, each response within the time of its request."""
-    info, times = await bench.ask(bench.connection.dialogue.device.identify())
+    info, times = await bench.ask(bench.dialogue.device.identify())
     bench.measured("response to what it is", 1e3 * max(times.values()), "ms")
     return f"{info.model}; {_longest(times)}"
 
@@ -23,8 +23,8 @@ async def identity_in_time(bench: Bench) -> str:
 async def health_in_time(bench: Bench) -> str:
     """It says how it is, each response within the time of its request, and reports no error."""
     # This also sets a control line, where the device is dark without.
-    await bench.ask(bench.connection.dialogue.device.identify())
-    health, times = await bench.ask(bench.connection.dialogue.device.health())
+    await bench.ask(bench.dialogue.device.identify())
+    health, times = await bench.ask(bench.dialogue.device.health())
     if health.status is not HealthStatus.OK:
         raise Broken(f"health is {health.status.value}, code {health.code}. {health.note}".strip())
     bench.measured("response to how it is", 1e3 * max(times.values()), "ms")
@@ -35,7 +35,7 @@ async def health_in_time(bench: Bench) -> str:
 async def identity_is_one(bench: Bench) -> str:
     """It says the same of itself however often it is asked."""
     for _ in range(QUESTIONS):
-        info, _times = await bench.ask(bench.connection.dialogue.device.identify())
+        info, _times = await bench.ask(bench.dialogue.device.identify())
         if info != bench.lidar.info:
             raise Broken(f"it was a {bench.lidar.info.model}, and now says {info}")
     return f"{QUESTIONS} times"
@@ -47,7 +47,7 @@ async def questions_in_a_row(bench: Bench) -> str:
     request = bench.question()
     assert request is not None
     # This also sets a control line, where the device is dark without.
-    await bench.ask(bench.connection.dialogue.device.identify())
+    await bench.ask(bench.dialogue.device.identify())
     times = [await bench.ask_once(request) for _ in range(2 * QUESTIONS)]
     bench.measured("longest response", 1e3 * max(times), "ms")
     return f"{len(times)} questions, {max(times) * 1e3:.0f} ms at most"
@@ -63,7 +63,7 @@ async def silent_at_rest(bench: Bench) -> str:
 @known(Origin.MANUAL, "scan modes")
 async def modes_are_listed(bench: Bench) -> str:
     """It lists its scan modes, each once."""
-    modes, _times = await bench.ask(bench.connection.dialogue.device.modes())
+    modes, _times = await bench.ask(bench.dialogue.device.modes())
     names = [mode.name for mode in modes]
     if len(set(names)) < len(names):
         raise Broken(f"a mode is listed twice: {', '.join(names)}")
@@ -73,11 +73,10 @@ async def modes_are_listed(bench: Bench) -> str:
 @known(Origin.MANUAL, "scan frequency, or motor speed", Need.SPEED)
 async def speed_within_range(bench: Bench) -> str:
     """The scan frequency that it tells lies between the slowest and the fastest one."""
-    device = bench.connection.dialogue.device
-    (slowest, fastest), _times = await bench.ask(device.scan_frequency_range())
+    (slowest, fastest), _times = await bench.ask(bench.dialogue.device.scan_frequency_range())
     if not 0 < slowest < fastest:
         raise Broken(f"the range is from {slowest:g} to {fastest:g} Hz")
-    hertz, _times = await bench.ask(device.scan_frequency())
+    hertz, _times = await bench.ask(bench.dialogue.device.scan_frequency())
     if not hertz:
         raise NotTried("it tells no scan frequency before it was started")
     if not slowest <= hertz <= fastest:

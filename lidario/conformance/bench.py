@@ -27,6 +27,7 @@ from lidario.session.finding.discovery import find_source, search_for
 from lidario.session.finding.reconnect import Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.opening import DEFAULT_LATENCY_S
+from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import healthy
 from lidario.session.talking.play import play
 from lidario.sim.device import SimulatedDevice
@@ -47,6 +48,7 @@ class Bench:
         kind: What leads to the device: ``serial``, ``tcp``, ``udp``, or ``sim`` of a simulated one.
         lidar: The session.
         connection: The line below it: device, conversation and times.
+        dialogue: The conversation with the device.
         simulated: The simulated device, where it is one in memory.
         pause: Blocks the program for so many seconds; `time.sleep`, unless a test replaces it.
         last_in: When the last bytes came, seconds of the event loop's clock; 0 before the first.
@@ -60,6 +62,7 @@ class Bench:
         alone = Reconnector(None, source)
         self.lidar: Lidar = Lidar(connection, health, source.text, DEFAULT_LATENCY_S, False, alone, rests=False)
         self.connection: Connection = connection
+        self.dialogue: Dialogue = connection.dialogue
         self.simulated: SimulatedDevice | None = simulated
         self.pause: Callable[[float], None] = time.sleep
         self.last_in: float = 0.0
@@ -141,7 +144,7 @@ class Bench:
         return not self.lidar.is_connected
 
     def _can(self, need: Need) -> bool:
-        device = self.connection.dialogue.device
+        device = self.dialogue.device
         try:
             if need is Need.HEALTH:
                 return self.lidar.health.status is not HealthStatus.ERROR
@@ -170,7 +173,7 @@ class Bench:
 
     def question(self) -> Request | None:
         """What the device is asked first, to say what it is; None of one that only talks."""
-        script = self.connection.dialogue.device.identify()
+        script = self.dialogue.device.identify()
         request = next(script, None)
         # A control line may have to be set first.
         while request is not None and request.expects is None and request.stream is None:
@@ -180,9 +183,9 @@ class Bench:
 
     async def ask_once(self, request: Request) -> float:
         """Ask, once, as soon as the device must listen; returns the seconds until its response."""
-        self.connection.dialogue.begin()
+        self.dialogue.begin()
         began = self.now()
-        await self.connection.dialogue.ask(replace(request, attempts=1))
+        await self.dialogue.ask(replace(request, attempts=1))
         return self.now() - began
 
     async def ask(self, script: Script[T]) -> tuple[T, dict[str, float]]:
@@ -191,11 +194,11 @@ class Bench:
 
         async def asked(request: Request) -> bytes:
             began = self.now()
-            payload = await self.connection.dialogue.ask(replace(request, attempts=1))
+            payload = await self.dialogue.ask(replace(request, attempts=1))
             times[request.name] = max(self.now() - began, times.get(request.name, 0.0))
             return payload
 
-        self.connection.dialogue.begin()
+        self.dialogue.begin()
         return await play(script, asked), times
 
     async def flow(self, mode: ScanMode) -> Flow:
@@ -205,11 +208,11 @@ class Bench:
             Broken: No packet came in the time that the family gives the rotor.
             Unsupported: The format of the mode is not known.
         """
-        dialogue, began = self.connection.dialogue, self.now()
-        dialogue.begin()
-        stream = await dialogue.run(self.connection.dialogue.device.start(mode))
-        flow = Flow(mode, stream, dialogue.stats, began, self.now() - began)
-        dialogue.deliver_to(flow.take)
+        began = self.now()
+        self.dialogue.begin()
+        stream = await self.dialogue.run(self.dialogue.device.start(mode))
+        flow = Flow(mode, stream, self.dialogue.stats, began, self.now() - began)
+        self.dialogue.deliver_to(flow.take)
         try:
             async with asyncio.timeout(stream.spin_up_s):
                 await flow.first.wait()
@@ -246,8 +249,8 @@ class Bench:
         """Leave laser and motor off; returns when that was seen."""
         await self.lidar.stop()
         # Of a stream that was started below the session.
-        self.connection.dialogue.stop_device()
-        await self.connection.dialogue.stopper.surely_settled()
+        self.dialogue.stop_device()
+        await self.dialogue.stopper.surely_settled()
 
     def _see(self, way: str, data: bytes, now: int) -> None:
         if way == "in":

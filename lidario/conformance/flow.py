@@ -126,7 +126,7 @@ async def collect(bench: "Bench", mode: ScanMode) -> Watch:
     try:
         watch.flow = await bench.flow(mode)
         await asyncio.sleep(FLOW_S)
-        await bench.connection.dialogue.quieten()
+        await bench.dialogue.quieten()
         # By its name: firmware that lists no modes leaves several with one number.
         async with bench.lidar.scans(mode.name, depth=SCANS) as scans:
             await steady(scans)

@@ -39,7 +39,7 @@ class Kept:
     files: tuple[Path, ...] = ()
 
     def __init__(self, bench: Bench, path: Path, source: str, *, overwrite: bool) -> None:
-        self._dialogue = bench.connection.dialogue
+        self._dialogue = bench.dialogue
         self._family = family_named(bench.connection.info.family)
         self._lidar = bench.lidar
         self._source = source

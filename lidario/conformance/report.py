@@ -173,7 +173,7 @@ class Reporter(Entered):
             raise recording.error
 
     def _write(self, texts: dict[str, str]) -> None:
-        self._kept.recording.see_texts(REPORT, texts, self._bench.connection.dialogue.port.now())
+        self._kept.recording.see_texts(REPORT, texts, self._bench.dialogue.port.now())
 
     def _told(self, verdict: Verdict) -> Tried:
         # Names of ports hold serial numbers of adapters, and addresses are nobody's business.

@@ -20,7 +20,7 @@ LATER_S = 1.0
 @known(Origin.MANUAL, "STOP", Need.STOPS)
 async def stop_ends_stream(bench: Bench) -> str:
     """STOP ends the stream, within the pause that the manual demands behind it."""
-    dialogue = bench.connection.dialogue
+    dialogue = bench.dialogue
     stop = dialogue.device.stop()
     # Of a device that hears no STOP, DTR ends the stream.
     requests = (stop,) if stop.data else (stop, *dialogue.device.halt())
@@ -41,12 +41,12 @@ async def stop_ends_stream(bench: Bench) -> str:
 @known(Origin.MANUAL, "STOP", Need.STOPS, Need.ANSWERS)
 async def request_after_stop(bench: Bench) -> str:
     """A request is answered right behind the pause that the manual demands behind STOP."""
-    stop, question = bench.connection.dialogue.device.stop(), bench.question()
+    stop, question = bench.dialogue.device.stop(), bench.question()
     assert question is not None
     await bench.flow(await bench.typical())
     await asyncio.sleep(FLOW_S)
-    bench.connection.dialogue.deliver_to(None)
-    bench.connection.dialogue.write((stop,))
+    bench.dialogue.deliver_to(None)
+    bench.dialogue.write((stop,))
     began = bench.now()
     try:
         await bench.ask_once(question)
@@ -61,8 +61,8 @@ async def request_after_stop(bench: Bench) -> str:
 async def stop_at_rest(bench: Bench) -> str:
     """STOP to a device at rest does no harm: the next request is answered."""
     await bench.rest()
-    bench.connection.dialogue.write((bench.connection.dialogue.device.stop(),))
-    _info, times = await bench.ask(bench.connection.dialogue.device.identify())
+    bench.dialogue.write((bench.dialogue.device.stop(),))
+    _info, times = await bench.ask(bench.dialogue.device.identify())
     return f"answered in {max(times.values()) * 1e3:.0f} ms"
 
 
@@ -127,7 +127,7 @@ async def reset_boots(bench: Bench) -> str:
     try:
         await bench.lidar.reset()
     except ResponseTimeout as error:
-        limit = bench.connection.dialogue.timing.boot_s
+        limit = bench.dialogue.timing.boot_s
         raise Broken(f"no response within {limit:g} s: {error}") from None
     took = bench.now() - began
     after = await bench.lidar.get_info()
