@@ -221,7 +221,7 @@ class Router(OpenSession):
         path = path_of(config, "a configuration") if config is not None else None
         made = _config(zenoh, path, addresses)
         where = json.loads(made.get_json("listen/endpoints"))
-        found = where["router"] if isinstance(where, dict) else where
+        found = where.get("router", ()) if isinstance(where, dict) else where
         try:
             session = await run_in_thread(lambda: zenoh.open(made), lambda session: session.close())
         except zenoh.ZError as error:
@@ -249,7 +249,7 @@ def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:
         put_into(config, settings)
     except zenoh.ZError as error:
         where = ", ".join(addresses)
-        raise InvalidValue(f"{where}: zenoh takes no such address to listen at: {words_of(error)}") from error
+        raise InvalidValue(f"{where!r} is not where a router can listen, as at tcp/127.0.0.1:7447") from error
     return config
 
 
