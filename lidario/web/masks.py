@@ -46,34 +46,42 @@ class Masks:
         if self._path is None:
             return False
         if box := _BOX.fullmatch(message):
-            x1, x2, y1, y2 = map(float, box.groups()[1:])
-            sides = min(x1, x2), max(x1, x2), min(y1, y2), max(y1, y2)
-            if max(map(abs, sides)) > FARTHEST_M:
-                return False
-            if box[1] == "b":
-                self._add([(feed.drawn, BoxFilter(*sides, mount=feed.place)) for feed in self._feeds])
-            else:
-                every = [(feed, each) for feed in self._feeds for each in feed.filters]
-                self._add([(feed.removed, each) for feed, each in every if _is_box(each, sides)])
-        elif (sector := _SECTOR.fullmatch(message)) and int(sector[2]) < len(self._feeds):
-            begin, end = math.radians(float(sector[3])), math.radians(float(sector[4]))
-            if not 0.0 < end - begin <= math.tau:
-                return False
-            # Of a lidar that is turned on the robot, the page may count on beyond a turn.
-            turns = math.tau * round(begin / math.tau)
-            turns += math.tau * (end - turns > math.tau)
-            feed, window = self._feeds[int(sector[2])], (begin - turns, end - turns)
-            if sector[1] == "s":
-                self._add([(feed.drawn, AngularBoundsFilter([window], invert=True))])
-            else:
-                self._add(_without_sector(feed, window))
-        elif message == "undo":
+            return self._take_box(box)
+        if sector := _SECTOR.fullmatch(message):
+            return self._take_sector(sector)
+        if message == "undo":
             for changed, made in self._changes.pop() if self._changes else ():
                 changed.remove(made)
         elif message == "save":
             self._save()
         else:
             return False
+        return True
+
+    def _take_box(self, box: re.Match[str]) -> bool:
+        x1, x2, y1, y2 = map(float, box.groups()[1:])
+        sides = min(x1, x2), max(x1, x2), min(y1, y2), max(y1, y2)
+        if max(map(abs, sides)) > FARTHEST_M:
+            return False
+        if box[1] == "b":
+            self._add([(feed.drawn, BoxFilter(*sides, mount=feed.place)) for feed in self._feeds])
+        else:
+            every = [(feed, each) for feed in self._feeds for each in feed.filters]
+            self._add([(feed.removed, each) for feed, each in every if _is_box(each, sides)])
+        return True
+
+    def _take_sector(self, sector: re.Match[str]) -> bool:
+        number, begin, end = int(sector[2]), math.radians(float(sector[3])), math.radians(float(sector[4]))
+        if number >= len(self._feeds) or not 0.0 < end - begin <= math.tau:
+            return False
+        # Of a lidar that is turned on the robot, the page may count on beyond a turn.
+        turns = math.tau * round(begin / math.tau)
+        turns += math.tau * (end - turns > math.tau)
+        feed, window = self._feeds[number], (begin - turns, end - turns)
+        if sector[1] == "s":
+            self._add([(feed.drawn, AngularBoundsFilter([window], invert=True))])
+        else:
+            self._add(_without_sector(feed, window))
         return True
 
     def state(self) -> dict[str, Any]:

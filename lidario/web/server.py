@@ -38,6 +38,7 @@ MOST_MESSAGES: Final = 20
 """Messages a viewer may send in `STATE_S` beside its confirmations, of which there are no more than scans sent.
 Pings and all other frames count too."""
 CLOSE_S: Final = 1.0
+_TIME: Final = re.compile(r"t\d{1,15}(\.\d{1,9})?", re.ASCII)
 _PLAY: Final = re.compile(r"p(\d{1,9}(?:\.\d{1,3})?) (0\.25|0\.5|[1-9]|10)", re.ASCII)
 """Play recordings on from so many seconds, so many times as fast."""
 
@@ -75,13 +76,11 @@ class _Viewer:
             self.unconfirmed -= 1
             self.wake.set()
             return True
-        if not _may_send(self.connection):
+        if not isinstance(message, str) or not _may_send(self.connection):
             return False
-        if message == "a":
-            pass
-        elif isinstance(message, str) and re.fullmatch(r"t\d{1,15}(\.\d{1,9})?", message, re.ASCII):
+        if _TIME.fullmatch(message):
             self.echo, self.states = float(message[1:]), True
-        elif isinstance(message, str) and (asked := _PLAY.fullmatch(message)):
+        elif asked := _PLAY.fullmatch(message):
             for feed in self._feeds:
                 feed.play_from(float(asked[1]), float(asked[2]))
         elif message in ("r0", "r1"):
@@ -89,9 +88,9 @@ class _Viewer:
                 if feed.keeper is not None:
                     feed.keeper.ask(on=message == "r1")
             self.states = True
-        elif isinstance(message, str) and self._masks.receive(message):
+        elif self._masks.receive(message):
             self.states = True
-        else:
+        elif message != "a":
             return False
         self.wake.set()
         return True
