@@ -144,6 +144,11 @@ def parse_source(text: str) -> Source:
         if name.casefold().endswith(_FILES):
             return _checked(Source(text, "file", name, _options(text, "file", query)))
         return _checked(Source(text, "serial", text))
+    return _parse_url(text)
+
+
+def _parse_url(text: str) -> Source:
+    """As `parse_source`, of a text that has a scheme."""
     try:
         # '#' may be part of a port's name, so nothing is split off there.
         parts = urlsplit(text, allow_fragments=False)
