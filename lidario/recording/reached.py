@@ -67,20 +67,18 @@ class Reached:
         self._clock_ns = 0
         self._is_new = False
 
-    def begin(self, about: About) -> None:
-        """The beginning of the first file was read."""
-        self.about = about
-        self._recording = about.recording
-        self.place = about.received_before
-        self._state = EventState(about.events)
-
     def repeats(self, about: About) -> bool:
         """Whether the file that begins so holds what was read before: a copy, or another name of the same file."""
         place = about.received_before + self._shift
         return bool(self._recording) and about.recording == self._recording and place < self.place
 
-    def go_on(self, about: About) -> Iterator[StreamEvent | Damage]:
-        """The beginning of the next file was read: it goes on, or it is of another recording, which begins here."""
+    def begin(self, about: About) -> Iterator[About | StreamEvent | Damage]:
+        """The beginning of a file was read. It is the first one, goes on, or is of another recording."""
+        if self.about is None:
+            self.about, self._recording, self.place = about, about.recording, about.received_before
+            self._state = EventState(about.events)
+            yield about
+            return
         responses = [event for event in about.events if isinstance(event, Responded)]
         if self._recording and about.recording == self._recording:
             yield from self.event(Placed(about.received_before, about.running))
@@ -88,7 +86,6 @@ class Reached:
             return
         if self._state.running is not None:
             yield StreamEnded(self.place)
-        assert self.about is not None
         if about.recording in self._done:
             raise RecordingError(SAME_TIME)
         self._done |= {self._recording} - {""}

@@ -88,9 +88,7 @@ class RecordedFiles:
                     elif topic == EVENTS_TOPIC and (event := event_of(parse_text(record.data) or "")) is not None:
                         yield from reached.event(event)
                 elif isinstance(record, Channel):
-                    topics.pop(record.number, None)
-                    if record.topic in (RAW_TOPIC, EVENTS_TOPIC):
-                        topics[record.number] = record.topic
+                    topics[record.number] = record.topic if record.topic in (RAW_TOPIC, EVENTS_TOPIC) else ""
                 elif isinstance(record, Damage):
                     reached.is_known = reached.is_known and not record.missing
                     yield record
@@ -105,14 +103,10 @@ class RecordedFiles:
                         raise RecordingError(TWICE)
                     if len(begun) > 1:
                         continue
-                    if reached.about is None:
-                        reached.begin(about)
-                        yield about
-                    elif reached.repeats(about):
+                    if reached.repeats(about):
                         yield Damage("it holds what another file holds, and was left out", missing=False)
                         return
-                    else:
-                        yield from reached.go_on(about)
+                    yield from reached.begin(about)
 
     def _beginning(self, path: Path) -> tuple[About, int]:
         """What stands at the beginning of a file, and when it was begun, on the clock of files."""
