@@ -232,7 +232,10 @@ class WaitingScans:
 
     def take(self) -> FleetScan:
         """The oldest scan; there must be one."""
-        key = self._order.popleft()
+        return self._oldest_of(self._order.popleft())
+
+    def _oldest_of(self, key: str) -> FleetScan:
+        """Take the oldest scan of a lidar."""
         held = self._scans[key]
         item = held.popleft()
         self._size -= _size(item)
@@ -243,14 +246,10 @@ class WaitingScans:
 
     def _drop(self, key: str) -> None:
         """Drop the oldest scan of a lidar; the next one tells what is missing."""
-        held = self._scans[key]
-        gone = held.popleft()
-        self._size -= _size(gone)
+        gone = self._oldest_of(key)
         self.dropped += 1
-        if held:
+        if held := self._scans.get(key):
             held[0] = held[0]._replace(lost=held[0].lost + gone.lost + 1)
-        else:
-            del self._scans[key]
 
 
 def _size(item: FleetScan) -> int:
