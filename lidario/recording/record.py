@@ -160,12 +160,11 @@ class Recording(Entered):
             except RuntimeError as error:
                 raise CannotRecord(f"{self.path} cannot be written: {NO_THREADS}") from error
             await _until(lambda: self._open.is_set() or self.error is not None)
+            if self.error is not None:
+                raise self.error
         except BaseException:
             self._end()
             raise
-        if self.error is not None:
-            self._end()
-            raise self.error
 
     async def close(self) -> None:
         """End the recording, and return when the file is complete. Harmless when done before.
