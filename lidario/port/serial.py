@@ -103,12 +103,11 @@ class _SerialLine(PolledLine, asyncio.Protocol):
             super().__init__(loop, port, _NO_HANDLE, device.write_now, device.read_now)
         self._ended = False
         self._drained_by = 0.0
-        self._errors = self._errors_before = LineErrors()
-        # A driver that does not count is not asked again: that is done once a revolution.
-        self._counts = False
+        self._errors = LineErrors()
+        # None of a driver that does not count: it is not asked again, which is done once a revolution.
+        self._errors_before: LineErrors | None = None
         with contextlib.suppress(*FOREIGN):
-            self._errors = self._errors_before = count_errors(device.fileno())
-            self._counts = True
+            self._errors_before = count_errors(device.fileno())
         self._transport = serial_asyncio.SerialTransport(loop, self, device)
         # The transport has just queued its own start of reading; these two run after it, in the same turn of the
         # loop, so that it reads nothing.
@@ -138,13 +137,13 @@ class _SerialLine(PolledLine, asyncio.Protocol):
     def errors(self) -> LineErrors:
         if self._device.is_open:
             self._count()
-        return self._errors - self._errors_before
+        return self._errors
 
     def _count(self) -> None:
         """What a line that is gone has counted last is what it had counted."""
-        if self._counts:
+        if self._errors_before is not None:
             with contextlib.suppress(*FOREIGN):
-                self._errors = count_errors(self._device.fileno())
+                self._errors = count_errors(self._device.fileno()) - self._errors_before
 
     def write(self, data: bytes) -> None:
         if not self._transport.get_write_buffer_size():

@@ -49,9 +49,8 @@ async def open_tcp(name: str, host: str, number: int, baudrate: int = 0) -> Port
             leaves nothing open.
     """
     options = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1), (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)]
-    for option, value in _KEEPALIVE:
-        if hasattr(socket, option):
-            options.append((socket.IPPROTO_TCP, getattr(socket, option), value))
+    known = [(name, value) for name, value in _KEEPALIVE if hasattr(socket, name)]
+    options += [(socket.IPPROTO_TCP, getattr(socket, name), value) for name, value in known]
     made = await connected(
         name,
         host,
