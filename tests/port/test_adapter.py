@@ -10,6 +10,7 @@ from lidario.port.adapter import Adapter, latency_ms
 from lidario.port.serial import open_serial
 from tests.support.drivers import LOW_LATENCY, SPEED_FLAG, FakeDriver
 from tests.support.ports import Sink, another_program, opened
+from tests.support.refused import refused
 
 RESET = (False, True)
 """DTR low, RTS high: what holds a board with an ESP32 in reset."""
@@ -50,9 +51,8 @@ async def test_a_port_that_another_program_holds_is_busy_and_keeps_its_lines(
 ) -> None:
     # A pseudo-terminal is exempt, since its other end holds it; here it is taken for a real port.
     monkeypatch.setattr("lidario.port.serial.is_pseudo_terminal", lambda path: False)
-    with another_program(path) as other, pytest.raises(ConnectFailed, match=f"PID {other.pid} ") as caught:
+    with another_program(path) as other, refused("busy", f"PID {other.pid} "):
         await open_serial(path, 115200)
-    assert caught.value.reason == "busy"
     assert driver.states == []
 
 
@@ -103,7 +103,7 @@ async def test_who_finds_it_set_or_is_refused_leaves_it_as_it_is(
     assert (ftdi.flags, ftdi.settings) == (before, 0)
 
 
-async def test_a_second_one_changes_nothing(path: str, ftdi: FakeDriver, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_second_one_changes_nothing(path: str, ftdi: FakeDriver) -> None:
     first = await open_serial(path, 115200)
     with pytest.raises(ConnectFailed, match="busy"):
         await open_serial(path, 115200)

@@ -195,9 +195,7 @@ async def test_the_end_of_the_socket_without_a_farewell_is_the_end_of_the_progra
         await port.close()
 
 
-async def test_it_is_told_what_stops_the_device_and_when_that_changes(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_it_is_told_what_stops_the_device_and_when_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     guard = await start_guard("x")
     told: list[Any] = []
 

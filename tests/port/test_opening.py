@@ -101,15 +101,6 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowOpening]:
     opening.go_on.set()
 
 
-async def test_the_loop_goes_on_while_a_port_is_opened(terminal: tuple[int, str], slow: SlowOpening) -> None:
-    task = asyncio.create_task(open_serial(terminal[1], 115200))
-    await until(slow.begun.is_set)
-    assert slow.thread is not threading.current_thread()
-    slow.go_on.set()
-    port = await task
-    await port.close()
-
-
 async def test_the_list_of_processes_is_read_off_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     readers: list[threading.Thread] = []
 
@@ -124,6 +115,7 @@ async def test_the_list_of_processes_is_read_off_the_loop(monkeypatch: pytest.Mo
 
 
 async def test_cancelled_while_it_opens_leaves_nothing_open(terminal: tuple[int, str], slow: SlowOpening) -> None:
+    """The loop goes on meanwhile."""
     before = open_files()
     task = asyncio.create_task(open_serial(terminal[1], 115200))
     await until(slow.begun.is_set)

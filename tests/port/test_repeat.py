@@ -63,9 +63,7 @@ def test_it_is_written_only_when_the_loop_is_late_and_then_each_interval(monkeyp
     assert repeat.take_written() == []
 
 
-def test_behind_its_end_nothing_is_written_and_a_dead_line_does_not_raise(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_behind_its_end_nothing_is_written_and_a_dead_line_does_not_raise(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(monkeypatch)
     repeat = line.repeat()
     line.dead = True

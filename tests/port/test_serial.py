@@ -4,6 +4,7 @@ import asyncio
 import os
 import termios
 import time
+from typing import Any
 
 import pytest
 import serial
@@ -142,6 +143,45 @@ async def test_a_loss_that_nobody_was_told_is_told_to_who_comes_next() -> None:
         await port.close()
 
 
+@pytest.mark.parametrize("then", ["", "write", "close"])
+async def test_nothing_reads_a_line_that_died_while_it_was_written(ends: tuple[int, int, str], then: str) -> None:
+    """Its transport notices, not who reads it."""
+    master, slave, path = ends
+    port, sink = await open_serial(path, 115200), Sink()
+    port.attach(sink)
+    # Nothing is needed for a minute: neither the loop nor the thread looks at the line.
+    port.set_polling(Plan(*[60.0] * 9, latency=60.0))
+    assert threads()
+    termios.tcflow(slave, termios.TCOOFF)
+    port.write(b"waits")
+    reported: list[dict[str, Any]] = []
+    failed = asyncio.Event()
+
+    loop = asyncio.get_running_loop()
+
+    def report(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """The transport has met the error; the line is told of it in a later step of the loop."""
+        reported.append(context)
+        if not failed.is_set():
+            failed.set()
+            if then == "write":
+                loop.call_soon(port.write, b"more")
+            if then == "close":
+                loop.call_soon(port.close_soon)
+
+    loop.set_exception_handler(report)
+    os.close(master)
+    error = await sink.until_lost()
+    assert (error is None) == (then == "close")
+    assert failed.is_set()
+    assert threads() == []
+    assert not port.is_open
+    # The end of the transport does not fail, and nothing is left that ends it again.
+    await port.close()
+    await asyncio.sleep(0)
+    assert len(reported) == 1
+
+
 @pytest.mark.parametrize("schedule", [None, Steady()], ids=["woken", "read by the thread"])
 async def test_a_line_that_was_hung_up_is_noticed(schedule: Schedule | None) -> None:
     """As a USB adapter that is pulled out: readable, and reading returns nothing; here with a pipe."""
@@ -205,17 +245,6 @@ async def test_a_tap_that_ends_the_program_does_so_once() -> None:
             port.write(b"\xa5\x20")
         port.write(b"\xa5\x25")
         assert written(master, 4) == b"\xa5\x20\xa5\x25"
-
-
-async def test_taps_see_what_was_written_already(terminal: tuple[int, str]) -> None:
-    master, path = terminal
-    os.set_blocking(master, False)
-    port = await open_serial(path, 115200)
-    read: list[bytes] = []
-    port.add_tap(lambda direction, data, now: read.append(written(master, 2)))
-    port.write(b"\xa5\x40")
-    assert read == [b"\xa5\x40"]
-    await port.close()
 
 
 async def test_a_speed_the_adapter_cannot_do(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
