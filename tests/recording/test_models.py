@@ -190,7 +190,7 @@ def test_wherever_bytes_are_named(read: Callable[..., list[lidario.Scan]], tmp_p
     assert scans[1].device_distances.max() == pytest.approx(2 * right[1].device_distances.max())
 
 
-def test_the_verbs(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_verbs(tmp_path: Path) -> None:
     path = tmp_path / "x4.bin"
     path.write_bytes(golden.load("ydlidar_x4_11hz").raw)
     told = invoke("info", str(path))

@@ -89,6 +89,26 @@ def test_interruptions_and_changes_of_the_mode_are_replayed(tmp_path: Path, sour
     assert_same_scans(live.scans, scans)
 
 
+@pytest.mark.long
+def test_a_computer_that_has_run_for_longer_made_it(tmp_path: Path) -> None:
+    """The clock of a recording says nothing of how long the session waits where a stream ends in it."""
+
+    async def act(lidar: Lidar, live: Live) -> None:
+        await asyncio.sleep(1e5)
+        await ask_in_between(lidar, live)
+
+    live = record(tmp_path / "a.mcap", CLEAN, act=act)
+
+    async def main() -> tuple[list[Scan], float]:
+        began = now()
+        async with lidario.open_lidar(f"{live.path}?rate=0") as lidar, lidar.scans() as stream:
+            return [scan async for scan in stream], now() - began
+
+    scans, took = run_driven(main)
+    assert_same_scans(live.scans, scans)
+    assert took < 1.0
+
+
 async def change_the_offset(lidar: Lidar, live: Live) -> None:
     """Asked for, then left out, added again and left out again, in the midst of revolutions and of packets."""
     async with lidar.scans(depth=64) as stream:
