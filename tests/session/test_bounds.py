@@ -18,6 +18,7 @@ import pytest
 from lidario import Lidar, LidarError, ResponseTimeout, run
 from lidario.families.rplidar.formats import DenseFormat
 from lidario.model import LineErrors
+from lidario.port.inbox import Late
 from lidario.port.port import Port
 from lidario.port.turns import TURN_NS
 from lidario.session.talking.intake import Intake
@@ -190,10 +191,10 @@ class Taken(Intake):
         raise error
 
 
-def intake_on(clock: Callable[[], int], full_reads: int = 0) -> Taken:
+def intake_on(clock: Callable[[], int], late: Late | None = None) -> Taken:
     """A stream runs."""
-    late = SimpleNamespace(overflow_bytes=0, full_reads=full_reads)
-    intake = Taken(cast("Port", SimpleNamespace(now=clock, is_real_time=False, errors=LineErrors(), late=late)))
+    port = SimpleNamespace(now=clock, is_real_time=False, errors=LineErrors(), late=late or Late())
+    intake = Taken(cast("Port", port))
     intake.link.enter_stream(DenseFormat())
     return intake
 
@@ -208,9 +209,8 @@ def slow_intake() -> Taken:
 
 async def test_reads_that_found_the_buffer_of_the_system_full_are_counted() -> None:
     """By the port, which may have counted some before."""
-    late = SimpleNamespace(overflow_bytes=0, full_reads=2)
-    intake = Taken(cast("Port", SimpleNamespace(now=lambda: 0, is_real_time=False, errors=LineErrors(), late=late)))
-    told = list[int]()
+    late, told = Late(full_reads=2), list[int]()
+    intake = intake_on(lambda: 0, late)
     for late.full_reads in (2, 3, 3, 5):
         intake.data_received(b"", 0)
         told.append(intake.stats.late_reads)

@@ -21,9 +21,10 @@ MODELS = ("rplidar-s2", "rplidar-a1", "rplidar-a2", "ydlidar-4ros", "hokuyo-urg0
 LOSES = {"all": (True, True), "requests": (True, False), "responses": (False, True)}
 
 
-def cut(device: Any, seconds: float, *, requests: bool, responses: bool) -> None:
+def cut(device: Any, seconds: float, loses: str = "all") -> None:
     """From now on the line to the device loses what goes this way, or that, for so many seconds."""
     hear, send, ends = device.receive, device.transmit, now() + seconds
+    requests, responses = LOSES[loses]
 
     def receive(data: bytes, at_ns: int) -> None:
         if not (requests and now() < ends):
@@ -39,9 +40,8 @@ def cut(device: Any, seconds: float, *, requests: bool, responses: bool) -> None
 @pytest.mark.parametrize("rig", MODELS, indirect=True)
 @pytest.mark.exhaustive(("loses", "outage_s"), sample=list(product(LOSES, (0.2, 0.5, 1.5))))
 async def test_one_is_still_whose_line_is_dead_when_it_is_closed(rig: Rig, loses: str, outage_s: float) -> None:
-    requests, responses = LOSES[loses]
     async with rig.read() as (lidar, _):
-        cut(rig.device, outage_s, requests=requests, responses=responses)
+        cut(rig.device, outage_s, loses)
         with takes(outage_s + 1.0):
             await lidar.close()
     assert left_still(rig), names(rig)[-6:]
@@ -50,14 +50,14 @@ async def test_one_is_still_whose_line_is_dead_when_it_is_closed(rig: Rig, loses
 @pytest.mark.parametrize("loses", ["all", "requests"])
 async def test_one_that_is_left_while_its_line_is_dead_is_stopped_behind_that(rig: Rig, loses: str) -> None:
     """Where nothing comes from it meanwhile, it is seen still; else it goes on sending, and is given up."""
-    requests, responses = LOSES[loses]
+    outage_s = 0.5 if loses == "all" else 0.3
     async with rig.open() as lidar:
         for _ in range(2):
             stream = lidar.scans()
             await anext(stream)
-            cut(rig.device, 0.5 if responses else 0.3, requests=requests, responses=responses)
+            cut(rig.device, outage_s, loses)
             await stream.aclose()
-            await asyncio.sleep(0.5 if responses else 0.3)
+            await asyncio.sleep(outage_s)
             assert rig.device.scanning
             await asyncio.sleep(3.0)
             assert left_still(rig), names(rig)[-6:]
@@ -66,7 +66,7 @@ async def test_one_that_is_left_while_its_line_is_dead_is_stopped_behind_that(ri
 async def test_the_motor_is_told_again_where_only_a_later_request_was_heard(rig: Rig) -> None:
     """One that is for the laser alone."""
     async with rig.read() as (lidar, _):
-        cut(rig.device, 0.25, requests=True, responses=False)
+        cut(rig.device, 0.25, "requests")
         await lidar.stop()
         assert left_still(rig), names(rig)[-6:]
 
@@ -111,13 +111,13 @@ async def test_one_that_takes_its_time_is_not_mistaken_for_one_that_heard(rplida
     """Its response comes when it was told to stop again already, and that it has discarded."""
     async with rplidar.read():
         rplidar.device.response_delay_s = delay_s
-        cut(rplidar.device, 0.06, requests=True, responses=True)
+        cut(rplidar.device, 0.06)
 
 
 async def test_closing_that_is_cancelled_or_done_twice_goes_on_all_the_same(rig: Rig) -> None:
     lidar = await rig.open()
     await anext(lidar.scans())
-    cut(rig.device, 0.5, requests=True, responses=True)
+    cut(rig.device, 0.5)
     closing = [asyncio.ensure_future(lidar.close()) for _ in range(2)]
     for _ in range(3):
         await asyncio.sleep(0.1)
@@ -131,7 +131,7 @@ async def test_it_is_told_where_nothing_comes_any_more(caplog: pytest.LogCapture
     """By both, and the second one does not wait as long again."""
     rig = make_rig("rplidar")
     async with rig.read() as (lidar, _):
-        cut(rig.device, 60.0, requests=True, responses=True)
+        cut(rig.device, 60.0)
         with takes(2.3, more_than_s=2.0), pytest.raises(StreamFailed, match="it does not respond any more"):
             await lidar.stop()
         caplog.clear()

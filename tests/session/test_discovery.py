@@ -10,6 +10,7 @@ from lidario import ConnectFailed, DeviceInfo, list_serial_ports
 from lidario.families.adapters import ADAPTERS
 from lidario.session.finding.discovery import Found, PortInfo, find_source
 from lidario.source import parse_source
+from tests.support.refused import refused
 
 
 @dataclass
@@ -116,6 +117,5 @@ async def test_a_family_chooses_among_the_lidars_that_are_found(monkeypatch: pyt
     with pytest.raises(ConnectFailed, match="2 lidars respond"):
         await find_source(parse_source("auto"))
     for text in ("auto", "id:rplidar"):
-        with pytest.raises(ConnectFailed, match="no lidar of the family 'ldrobot'") as caught:
+        with refused("missing", "no lidar of the family 'ldrobot'"):
             await find_source(parse_source(text), "ldrobot")
-        assert caught.value.reason == "missing"

@@ -170,7 +170,7 @@ async def test_awkward_devices_do_what_they_can(model: str, mode: str | None) ->
             assert len(await take(lidar, 1)) == 1
 
 
-async def test_turns_are_told_apart_even_if_the_device_never_marks_one(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_turns_are_told_apart_even_if_the_device_never_marks_one() -> None:
     rig = make_rig("ydlidar", world=make_world("circle"))
     clean = rig.device.transmit
 

@@ -19,6 +19,7 @@ from tests.support.loop import at_each, driven_loop, now, now_ns, run_driven
 PROMISE_S = 2.0
 """Longest time from the moment at which the device responds again to the next scan."""
 MODES = {"rplidar": "Standard", "ydlidar": None}
+"""Slow ones, which are cheap to simulate."""
 
 
 async def test_it_goes_on_after_the_cable_was_pulled_out(rig: Rig) -> None:

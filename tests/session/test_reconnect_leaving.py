@@ -6,7 +6,7 @@ import weakref
 
 import pytest
 
-from lidario import Lidar, SessionClosed
+from lidario import Lidar
 from tests.support.cable import Cable, cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, left_still, scanning
 from tests.support.loop import DrivenLoop, now, unless_unfinished
@@ -91,17 +91,3 @@ async def test_a_session_that_nobody_holds_any_more_ends_while_it_is_away(rig: R
         await asyncio.sleep(3.0)
         assert len(cable.attempts) == attempts
         assert left_still(rig)
-
-
-async def test_a_closed_session_stays_closed(rplidar: Rig) -> None:
-    with cable_to(rplidar) as cable:
-        lidar = await rplidar.open(reconnect=True)
-        cable.pull()
-        await asyncio.sleep(1.0)
-        await asyncio.wait_for(lidar.close(), 2.0)
-        cable.plug()
-        attempts = len(cable.attempts)
-        await asyncio.sleep(5.0)
-        assert len(cable.attempts) == attempts
-        with pytest.raises(SessionClosed):
-            await lidar.get_health()

@@ -18,6 +18,7 @@ from itertools import product
 import pytest
 
 from lidario import DeviceLost, Lidar, SessionClosed
+from tests.session.test_reconnect import MODES
 from tests.session.test_two_tasks import Scene, as_it_should_be, b_cancels, b_closes, b_starts, b_stops, both
 from tests.support.cable import Cable, cable_to
 from tests.support.devices import FAMILIES, is_off, make_rig
@@ -34,8 +35,6 @@ OUT_S = 0.3
 AGAIN_S = 1.5
 GOLDEN = 0.618
 """Multiples of this, without their whole parts, are spread evenly."""
-MODES = {"rplidar": "Standard", "ydlidar": None}
-"""Slow ones, which are cheap to simulate."""
 Trouble = Callable[[Scene, Cable], None]
 
 

@@ -24,16 +24,7 @@ from tests.session.test_two_tasks import (
     set_speed,
     start,
 )
-from tests.support.devices import (
-    SWITCHED,
-    Rig,
-    both_families,
-    is_off,
-    leave_streaming,
-    left_still,
-    make_rig,
-    names,
-)
+from tests.support.devices import SWITCHED, Rig, both_families, is_off, leave_streaming, left_still, make_rig, names
 from tests.support.loop import at_each, now_ns
 from tests.support.times import cancelled, takes
 

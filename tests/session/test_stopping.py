@@ -11,7 +11,6 @@ import pytest
 from lidario import InvalidValue, Lidar, LidarError, LocalProtocolError, Unsupported
 from tests.session.test_unasked import SOME as TALKERS
 from tests.support.devices import (
-    FAMILIES,
     SWITCHED,
     Rig,
     both_families,
@@ -24,7 +23,6 @@ from tests.support.devices import (
     take,
 )
 from tests.support.loop import now
-from tests.support.samples import long_but_some
 from tests.support.times import begun
 
 Call = Callable[[Lidar], Awaitable[object]]
@@ -217,15 +215,3 @@ async def test_a_cancelled_reader_does_not_end_its_stream(rig: Rig) -> None:
                     await anext(stream)
         assert (await anext(stream)).seq == 0
         assert sum("scan" in name for name in names(rig)) == 1
-
-
-@pytest.mark.parametrize("rig", long_but_some(*FAMILIES, *SWITCHED), indirect=True)
-async def test_a_session_that_is_dropped_leaves_the_device_still(rig: Rig) -> None:
-    """By a finalizer, which cannot wait."""
-    lidar = await rig.open()
-    stream = lidar.scans()
-    await anext(stream)
-    del lidar, stream
-    gc.collect()
-    assert left_still(rig)
-    await asyncio.sleep(0.1)

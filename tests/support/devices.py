@@ -88,12 +88,11 @@ def in_turns(rows: Sequence[S], columns: Sequence[T], kinds: Sequence[str]) -> l
     return [(row, column, kinds[number % len(kinds)]) for row, column, number in pairs]
 
 
-def make_rig(name: str, model: str = "", **options: Any) -> Rig:
+def make_rig(name: str, **options: Any) -> Rig:
     """A fresh device of this model, or the usual one of this family, whose rotor needs no time to speed up."""
-    chosen = model or name
-    family = chosen.partition("-")[0]
+    family = name.partition("-")[0]
     maker = MAKERS[family]
-    device = maker.make(maker.model if chosen == family else chosen, **options)
+    device = maker.make(maker.model if name == family else name, **options)
     device.spin_up_s = 0.0
     return Rig(family, device, maker.turn_s)
 
