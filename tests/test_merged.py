@@ -135,7 +135,7 @@ def test_a_wall_has_no_holes_between_samples() -> None:
     assert not np.isinf(message.ranges).any()
 
 
-def test_what_cannot_be(tmp_path: object) -> None:
+def test_what_cannot_be() -> None:
     with pytest.raises(InvalidValue, match="one lidar to 256"):
         MergedScans([])
     with pytest.raises(InvalidValue, match="oldest_s"):

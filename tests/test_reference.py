@@ -75,12 +75,7 @@ def capsule(response_type: int, start_q6: int, body: bytes = b"", reset: bool = 
 
 @pytest.mark.parametrize("response_type", rplidar.CAPSULE_TYPES)
 def test_capsule_before_a_reset_is_dropped(response_type: int) -> None:
-    packets = [
-        capsule(response_type, 0, reset=True),
-        capsule(response_type, 640),
-        capsule(response_type, 0, reset=True),
-        capsule(response_type, 640),
-    ]
+    packets = [capsule(response_type, 0, reset=True), capsule(response_type, 640)] * 2
     assert {sample.packet for sample in rplidar.decode(response_type, packets)} == {0, 2}
 
 

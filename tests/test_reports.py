@@ -72,7 +72,7 @@ def test_one_is_added(report: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_change_of_what_is_decoded_shows(report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_change_of_what_is_decoded_shows(report: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = reports.text_of(report, "somebody")
     decode_file = lidario.decode_file
 

@@ -169,7 +169,7 @@ def test_the_rule_of_the_command(machine: Machine, monkeypatch: pytest.MonkeyPat
     assert invoke("udev", "/dev/ttyUSB8").exit_code == 3
 
 
-def test_the_rule_without_an_adapter(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rule_without_an_adapter(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidario.list_serial_ports", list)
     ended = invoke("udev", code=0)
     assert ended.stdout.count('SUBSYSTEM=="tty"') == len(ADAPTERS)

@@ -92,9 +92,7 @@ class Session:
             yield Arrived(bytes(100))
 
 
-async def test_a_message_that_comes_while_another_is_taken_is_taken_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_message_that_comes_while_another_is_taken_is_taken_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Zenoh's thread and the loop's may be anywhere when the other one goes on."""
     session, taken = Session(), list[Sample]()
     due: list[Callable[[], None]] = []

@@ -126,9 +126,7 @@ def test_what_is_late_behind_a_silence_comes_when_the_stream_ends_or_the_next_on
     assert behind[0].stamp_ns > scans[-1].stamp_ns + turn_ns
 
 
-def test_where_the_clock_of_a_reader_is_set_a_stream_goes_on_and_the_next_one_has_the_new_time(
-    sent: Sent,
-) -> None:
+def test_where_the_clock_of_a_reader_is_set_a_stream_goes_on_and_the_next_one_has_the_new_time(sent: Sent) -> None:
     assert sent.status is not None
     clock = Clock(sent.offset_ns)
     decoder = RawDecoder(clock)

@@ -16,9 +16,7 @@ SAMPLES = 8
 def split(raw: bytes) -> list[bytes]:
     """Cut a clean stream into packets; ValueError where it is not clean."""
     return cut(
-        raw,
-        PACKET_BYTES,
-        lambda packet: packet[:4] == b"\x55\xaa\x03\x08" and fold(packet[:-2]) == u16(packet, 34),
+        raw, PACKET_BYTES, lambda packet: packet[:4] == b"\x55\xaa\x03\x08" and fold(packet[:-2]) == u16(packet, 34)
     )
 
 

@@ -6,10 +6,7 @@ import pytest
 
 from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FULL_TURN_Q6, PointCloud
-from lidario.families.ydlidar.simulated.packers import (
-    pack_points,
-    start_control,
-)
+from lidario.families.ydlidar.simulated.packers import pack_points, start_control
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.formats import BEGINS, NO_PACKET
 from tests.families.ydlidar.about import CASES
