@@ -63,11 +63,8 @@ def test_every_command(
     words = shlex.split(here(command, router), comments=True)
     if words[0] == "publish":
         # The lidar is a recording, which has an end.
-        words = [
-            "publish",
-            f"{tape}?rate=0",
-            *[word for word in words[1:] if not word.startswith(("/dev/", "run.mcap"))],
-        ]
+        options = [word for word in words[1:] if not word.startswith(("/dev/", "run.mcap"))]
+        words = ["publish", f"{tape}?rate=0", *options]
     done = invoke(*words, code=0)
     if words[0] == "publish":
         assert re.search(r"^([4-9]|1[0-2]) scans published$", done.stderr, re.MULTILINE)

@@ -5,7 +5,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ from lidario.network.keys import parse_token, tokens_of
 from lidario.ros import list_remote_lidars
 from tests.cli.processes import started
 from tests.support.children import FORKS, ended, line_of
-from tests.support.router import Router
+from tests.support.router import Router, free_address
 
 BOUND_S = 30.0
 
@@ -147,10 +146,7 @@ loop.run_until_complete(close())
 @pytest.mark.parametrize("ends", ["exits", "drops", "closes"])
 def test_a_forked_child_ends_and_its_parent_goes_on(ends: str) -> None:
     """It has none of zenoh's threads, and waited for ever for them: also where it only dropped a session."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
-    command = [sys.executable, "-c", FORKED, address, ends]
+    command = [sys.executable, "-c", FORKED, free_address(), ends]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as program:
         try:
             assert program.communicate(timeout=BOUND_S)[0] == "a/b\n"

@@ -7,13 +7,18 @@ from typing import Any
 import zenoh
 
 
+def free_address(protocol: str = "tcp") -> str:
+    """Where nobody listens, on this machine."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
+
+
 class Router:
     """A router on a port of its own, whatever its configuration says, that can go away and come back."""
 
     def __init__(self, protocol: str = "tcp", config: str = "{}") -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.address = f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
+        self.address = free_address(protocol)
         self._config = config
         self._session: Any = None
         self.start()
