@@ -226,15 +226,6 @@ async def test_what_viewers_may_say_is_bounded(
         await until_viewers(server, 0)
 
 
-async def test_so_many_viewers_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_VIEWERS", 1)
-    async with serving() as (server, _), viewer(server):
-        await until_viewers(server, 1)
-        with pytest.raises(InvalidStatus) as caught:
-            await viewer(server)
-        assert caught.value.response.status_code == 503
-
-
 @pytest.mark.parametrize("said", [b"", b"GET / HT"])
 async def test_closing_does_not_wait_for_a_connection_that_says_nothing(
     said: bytes, monkeypatch: pytest.MonkeyPatch

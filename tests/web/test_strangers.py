@@ -167,7 +167,8 @@ async def test_a_request_has_a_longest_length() -> None:
         assert (await get(server, "/", host))[0].startswith(b"HTTP/1.1 200 ")
 
 
-async def test_not_even_all_at_once_become_too_many_viewers(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_so_many_viewers_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even where all come at once."""
     monkeypatch.setattr(module, "MOST_VIEWERS", 3)
     async with serving() as (server, _):
 
@@ -183,6 +184,9 @@ async def test_not_even_all_at_once_become_too_many_viewers(monkeypatch: pytest.
         await until_viewers(server, 3)
         await until(lambda: sum(task.done() for task in watching) >= 5)
         assert max(most) == server.viewers == 3
+        with pytest.raises(InvalidStatus) as caught:
+            await viewer(server)
+        assert caught.value.response.status_code == 503
         for task in watching:
             task.cancel()
         await asyncio.gather(*watching, return_exceptions=True)
