@@ -71,22 +71,6 @@ def test_a_file_as_windows_writes_it_is_read_and_written(tmp_path: Path) -> None
     assert b'frame = "front"  # mine\r\n' in path.read_bytes()
 
 
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
-    path = written(tmp_path, "")
-    link = tmp_path / "link.toml"
-    link.symlink_to(path)
-    save_config(link, "a", mount=Mount(2.0))
-    assert link.is_symlink()
-    assert read_config(path).of("a").mount == Mount(2.0)
-
-
-def test_what_is_no_file_is_not_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Root could: then the whole machine would have lost it.
-    monkeypatch.delattr(os, "replace")
-    with pytest.raises(InvalidValue, match="/dev/null: the settings cannot be written: it is a device"):
-        save_config("/dev/null", "a", mount=Mount())
-
-
 @pytest.mark.parametrize("has_nameless", [True, False])
 def test_it_is_replaced_in_one_step_and_is_as_readable_as_before(
     tmp_path: Path, has_nameless: bool, monkeypatch: pytest.MonkeyPatch

@@ -92,11 +92,6 @@ def test_an_unknown_host(host: str, code: int, reason: str, monkeypatch: pytest.
     assert str(error) == f"tcp/{host}:7447: Name or service not known. Is the name of the router's host right?"
 
 
-def test_a_name_that_no_host_can_have() -> None:
-    error = why_no_router(f"tcp/{'a' * 64}:7447")
-    assert error.reason == "missing"
-
-
 def test_addresses_that_are_silent_share_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     waited = list[float]()
 
