@@ -9,7 +9,7 @@ import pytest
 
 import lidario
 from lidario import InvalidValue
-from lidario.testing import Drive, SimulatedLidar, furnished, room
+from lidario.testing import Drive, SimulatedLidar, room
 
 WALLS = room(4.0, 6.0)
 
@@ -75,9 +75,3 @@ async def test_a_scan_on_the_way_is_bent_and_its_motion_makes_it_straight() -> N
 def test_what_cannot_be(path: object, walls: object, words: str) -> None:
     with pytest.raises(InvalidValue, match=words):
         Drive(path, walls)  # type: ignore[arg-type]
-
-
-def test_the_furnished_room_is_that_of_the_simulator() -> None:
-    assert len(furnished()) > 50
-    seen = lidario.simulate(world=furnished())
-    assert seen is not None
