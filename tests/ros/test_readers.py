@@ -134,17 +134,6 @@ async def test_a_publisher_that_is_waited_for_is_known(router: Router, monkeypat
         assert await remote.get_health() == lidar.health
 
 
-async def test_a_reader_may_come_before_the_first_scan(router: Router) -> None:
-    """The publisher's lidar does not scan yet, so its mode is not known."""
-    async with Rig(router) as rig:
-        share = await rig.share("early/scan")
-        _, scans = await rig.read("early/scan")
-        reading = asyncio.ensure_future(anext(scans))
-        rig.run(share)
-        async with asyncio.timeout(BOUND_S):
-            assert (await reading).mode == "DenseBoost"
-
-
 async def test_what_was_read_at_once_is_dated_as_one_read(router: Router) -> None:
     """In pieces, the revolutions of the first one seem to have come as late as the last byte did."""
     async with Rig(router) as rig:
