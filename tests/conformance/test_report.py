@@ -44,10 +44,15 @@ def quiet(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="lidario")
 
 
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Where a report is written."""
+    return tmp_path / "report.mcap"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("model", ONE_OF_EACH)
-def test_a_report_is_a_recording_that_others_read(model: str, tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_a_report_is_a_recording_that_others_read(model: str, path: Path) -> None:
     serial, report = make(lidario.simulate(model), path)
     assert report.is_simulated
     assert report.is_complete
@@ -76,8 +81,7 @@ def test_a_report_is_a_recording_that_others_read(model: str, tmp_path: Path) ->
 
 @pytest.mark.long
 @pytest.mark.parametrize("model", ["rplidar-s2", "ydlidar-4ros", "hokuyo-urg04lx"])
-def test_what_plays_a_report_tells_the_hash(model: str, tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_what_plays_a_report_tells_the_hash(model: str, path: Path) -> None:
     serial, report = make(lidario.simulate(model), path, QUICK)
     assert report.about.info.serial not in ("", serial)
 
@@ -90,8 +94,8 @@ def test_what_plays_a_report_tells_the_hash(model: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_copy_with_its_scans_has_the_verdicts_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, copy = tmp_path / "report.mcap", tmp_path / "copy.mcap"
+def test_a_copy_with_its_scans_has_the_verdicts_too(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    copy = path.with_name("copy.mcap")
     _, report = make(lidario.simulate("rplidar-s2"), path, QUICK)
     assert export_mcap(FileDecoder(path), copy) == lidario.summarize(path).scans
     assert read_report(copy) == replace(report, about=read_report(copy).about)
@@ -115,8 +119,7 @@ def test_a_copy_with_its_scans_has_the_verdicts_too(tmp_path: Path, monkeypatch:
         "mirrored",
     ],
 )
-def test_a_defect_stands_in_the_file(defect: str, tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_a_defect_stands_in_the_file(defect: str, path: Path) -> None:
     make(defects.make(defect), path)
     told = {each.rule: each.outcome for each in read_report(path).tried}
     assert told == {each.rule.name: each.outcome for each in judge(defects.make(defect))}
@@ -124,8 +127,7 @@ def test_a_defect_stands_in_the_file(defect: str, tmp_path: Path) -> None:
 
 
 @driven
-async def test_what_was_cut_off_is_written_as_far_as_it_came(tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+async def test_what_was_cut_off_is_written_as_far_as_it_came(path: Path) -> None:
     begun = asyncio.Event()
 
     def began(rule: Rule) -> None:
@@ -155,20 +157,19 @@ async def test_what_was_cut_off_is_written_as_far_as_it_came(tmp_path: Path) -> 
 
 
 @driven
-async def test_the_names_of_ports_and_numbers_are_in_no_text(tmp_path: Path) -> None:
+async def test_the_names_of_ports_and_numbers_are_in_no_text(path: Path) -> None:
     async def tells(bench: lidario.conformance.Bench) -> str:
         return f"{bench.lidar.source} is {bench.lidar.info.serial}"
 
     rule = replace(rule_named("identity-in-time"), check=tells)
     source = "sim://rplidar-s2?via=memory"
-    async with await open_bench(source) as bench, Reporter(bench, tmp_path / "report.mcap") as reporter:
+    async with await open_bench(source) as bench, Reporter(bench, path) as reporter:
         await reporter.run((rule,))
-    report = read_report(tmp_path / "report.mcap")
+    report = read_report(path)
     assert report.tried[0].text == f"simulated is {report.about.info.serial}"
 
 
-def test_a_device_that_protects_itself_is_reported_and_its_motor_is_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_a_device_that_protects_itself_is_reported_and_its_motor_is_left_alone(path: Path) -> None:
     device = lidario.simulate("rplidar-s2", spin_up=0)
     device.faults_cleared_by_reset = False  # type: ignore[attr-defined]
     device.protection_stop(0x8004)  # type: ignore[attr-defined]
@@ -184,8 +185,7 @@ def test_a_device_that_protects_itself_is_reported_and_its_motor_is_left_alone(t
     assert not any("scan" in each.name for each in device.log)
 
 
-def test_every_number_that_a_device_tells_is_hidden(tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_every_number_that_a_device_tells_is_hidden(path: Path) -> None:
     serial, report = make(defects.changes_serial(lidario.simulate("rplidar-s2", spin_up=0)), path, RULES[:3])
     second = bytes(range(16))
     assert report.tried[2].outcome is Outcome.BROKEN
@@ -223,8 +223,7 @@ def texts_in(path: Path) -> list[str]:
 
 
 @pytest.mark.long
-def test_what_was_measured_is_in_a_table(tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_what_was_measured_is_in_a_table(path: Path) -> None:
     make(lidario.simulate("rplidar-s2", spin_up=0), path)
     figures = {each.name: each for one in read_report(path).tried for each in one.figures}
     assert figures["sample of DenseBoost"].value == pytest.approx(31.25, rel=0.01)
@@ -240,17 +239,16 @@ def test_what_was_measured_is_in_a_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_what_keeps_a_stream_going_is_measured(tmp_path: Path) -> None:
+def test_what_keeps_a_stream_going_is_measured(path: Path) -> None:
     rules = [rule_named("protection-keeps"), rule_named("protection-stops")]
-    _, report = make(lidario.simulate("ydlidar-4ros"), tmp_path / "report.mcap", rules)
+    _, report = make(lidario.simulate("ydlidar-4ros"), path, rules)
     figures = {each.name: each.value for one in report.tried for each in one.figures}
     assert figures["requests that keep it going, in 5 s"] >= 2
     assert 2.5 < figures["stream without a request"] < 4.0
 
 
 @pytest.mark.long
-def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_a_file_that_is_cut_is_read_as_far_as_it_goes(path: Path) -> None:
     # Else a device that only talks fills the file while its thread begins late.
     with thread_takes_no_time():
         make(lidario.simulate("ldrobot-ld19"), path)
@@ -269,7 +267,7 @@ def test_a_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_what_it_is_about_stands_first_on_a_slow_disk_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_it_is_about_stands_first_on_a_slow_disk_too(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
     def late(run: Callable[[], None], name: str) -> threading.Thread:
         def slow() -> None:
             time.sleep(0.2)
@@ -278,7 +276,6 @@ def test_what_it_is_about_stands_first_on_a_slow_disk_too(monkeypatch: pytest.Mo
         return start_thread(slow, name)
 
     monkeypatch.setattr("lidario.recording.record.start_thread", late)
-    path = tmp_path / "report.mcap"
     make(lidario.simulate("ldrobot-ld19"), path, QUICK)
     with StoredFile(path) as file:
         file.read(8)
@@ -287,9 +284,8 @@ def test_what_it_is_about_stands_first_on_a_slow_disk_too(monkeypatch: pytest.Mo
 
 
 @pytest.mark.long
-def test_what_is_too_much_is_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_is_too_much_is_counted(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
     monkeypatch.setattr(module_kept, "MOST_BYTES", 2000)
-    path = tmp_path / "report.mcap"
     _, report = make(lidario.simulate("ldrobot-ld19"), path, QUICK)
     assert report.facts["left out"].endswith("because there were too many")
     assert path.stat().st_size < 20_000
@@ -309,8 +305,7 @@ def test_what_is_no_report_says_so(tmp_path: Path) -> None:
         read_report(tmp_path / "missing.mcap")
 
 
-def test_a_file_that_is_there_is_not_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "report.mcap"
+def test_a_file_that_is_there_is_not_replaced(path: Path) -> None:
     path.write_bytes(b"mine")
     with pytest.raises(lidario.CannotRecord, match="exists already"):
         make(lidario.simulate("ldrobot-ld19"), path, QUICK[1:2])

@@ -7,16 +7,13 @@ import pytest
 
 from benchmarks import damage
 from benchmarks.streams import KINDS, capture
-from benchmarks.truth_cases import CASES, happen
-from benchmarks.truth_forms import FORMATS
-from benchmarks.truth_score import score
-from benchmarks.truth_ways import receive
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.fuzz.checks import check_scan
+from tests.revolution.test_known_truth import scored
 from tests.support import cases
 from tests.support.streams import open_stream, stream_of
 from tests.support.turns_4ros import SAMPLE_NS, scans_of, turn_of
@@ -137,7 +134,6 @@ def test_a_step_from_sample_to_sample_never_becomes_too_small_to_be_one(case: ca
 @pytest.mark.long
 def test_a_revolution_of_which_most_is_missing_makes_no_speed_sure() -> None:
     """Gaps that are alike by chance would: of these, a third of the packets and less."""
-    stream, line = happen(CASES["60 % of the packets spoilt"], FORMATS["0x84 A3"])
-    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    found = scored("0x84 A3", "60 % of the packets spoilt")
     assert found.rpm_off is not None
     assert found.rpm_off[1] < 0.1

@@ -8,13 +8,11 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks import truth_cases
-from benchmarks.truth_forms import FORMATS
-from benchmarks.truth_score import score
 from benchmarks.truth_streams import TrueStream
-from benchmarks.truth_ways import receive
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scan import Scan
+from tests.revolution.test_known_truth import scored
 from tests.support.cases import CASES, Case
 from tests.support.numbered import BAUD, SAMPLE_NS, TURN, on_time
 from tests.support.streams import arrived, stream_of
@@ -68,16 +66,14 @@ def starting(
 def test_nodes_of_a_rotor_that_speeds_up_lose_nothing(way: str, begin: float) -> None:
     """From rest, and the first part of a revolution is short. In a file such a start was never got over."""
     case = truth_cases.Case("starting", undamaged, starting, 2.0, begin)
-    stream, line = truth_cases.happen(case, FORMATS["0x81 S1"])
-    found = score(stream, line, receive(stream, line, way), timed=way == "read")
+    found = scored("0x81 S1", case, way)
     assert (found.told, found.told_revolutions, found.kept) == (0, 0, found.samples)
 
 
 @pytest.mark.parametrize("name", ["0x81 S1", "0x84 A1"])
 def test_a_rotor_that_starts_right_before_the_seam_loses_nothing(name: str) -> None:
     """Its first revolution is a few degrees, in which it has hardly begun to turn."""
-    stream, line = truth_cases.happen(truth_cases.CASES["from rest right before the seam"], FORMATS[name])
-    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    found = scored(name, "from rest right before the seam")
     assert (found.told, found.told_revolutions, found.wrong) == (0, 0, 0)
     assert found.delivered > 30
 
@@ -87,6 +83,5 @@ def test_while_a_rotor_speeds_up_lost_packets_cost_no_revolution(name: str) -> N
     """From rest, so that its arcs are many times as long at the end of a revolution as at the beginning."""
     damage = partial(truth_cases.lose_share, 2, spoilt=False)
     case = truth_cases.Case("starting slowly", damage, partial(starting, rest_s=1.0, in_s=1.2), 4.0, begin=0.88)
-    stream, line = truth_cases.happen(case, FORMATS[name])
-    found = score(stream, line, receive(stream, line, "read"), timed=True)
+    found = scored(name, case)
     assert (found.delivered, found.told_revolutions, found.wrong) == (found.revolutions, 0, 0)

@@ -83,32 +83,25 @@ def test_trembling_where_no_mark_is_waited_for_any_more_ends_no_turn(many: Calla
     assert Seam(TURN, None).splits(many(headings)) == [Split(17, marked=False, broken=False, seam=0)]
 
 
-def steady(restart: int, *, begin: int = 20_000, step: int = 1_000) -> list[Split]:
-    """Eight headings by steady steps, then one that says that the stream was restarted, so far behind them."""
-    headings = [begin + step * number for number in range(8)]
-    return Seam(TURN, 0).splits([*headings, (headings[-1] + restart) % TURN | RESTARTS])
+STEADY = [20_000 + 1_000 * number for number in range(8)]
+UNEVEN = [0, 1_000, 2_000, 4_000, 6_000, 8_000, 11_000, 14_000]
+"""Of its steps the middle one is the steady one."""
 
 
-@pytest.mark.parametrize("restart", [1_000, 1_200, 2_000, 5_000, 7_800, 8_100])
-def test_a_restart_that_fits_the_steady_step_is_none(restart: int) -> None:
-    assert steady(restart) == []
-
-
-@pytest.mark.parametrize("restart", [0, 200, 1_500, 5_500, 9_000, 10_000, 20_000, TURN - 1_000])
-def test_a_restart_elsewhere_is_one(restart: int) -> None:
-    assert steady(restart) == [Split(8, marked=False, broken=True, seam=0)]
-
-
-@pytest.mark.parametrize(("restart", "is_one"), [(1_000, True), (2_000, False), (3_000, True)])
-def test_of_uneven_steps_the_middle_one_is_the_steady_one(restart: int, is_one: bool) -> None:
-    headings = [0, 1_000, 2_000, 4_000, 6_000, 8_000, 11_000, 14_000]
-    found = Seam(TURN, 0).splits([*headings, headings[-1] + restart | RESTARTS])
-    assert [split.broken for split in found] == [True] * is_one
-
-
-def test_a_restart_of_which_no_step_is_known_is_one() -> None:
-    assert Seam(TURN, 0).splits([20_000 | RESTARTS]) == [Split(0, marked=False, broken=True, seam=0)]
-    assert Seam(TURN, 0).splits([20_000, 21_000 | RESTARTS]) == [Split(1, marked=False, broken=True, seam=0)]
+@pytest.mark.parametrize(
+    ("before", "restart", "is_one"),
+    [
+        *((STEADY, restart, False) for restart in (1_000, 1_200, 2_000, 5_000, 7_800, 8_100)),
+        *((STEADY, restart, True) for restart in (0, 200, 1_500, 5_500, 9_000, 10_000, 20_000, TURN - 1_000)),
+        *((UNEVEN, 1_000, True), (UNEVEN, 2_000, False), (UNEVEN, 3_000, True)),
+        # Where no step is known.
+        *(([], 20_000, True), ([20_000], 1_000, True)),
+    ],
+)
+def test_a_restart_is_one_unless_it_fits_the_steady_step(before: list[int], restart: int, is_one: bool) -> None:
+    """Headings, and then one that says that the stream was restarted, so far behind the last of them."""
+    found = Seam(TURN, 0).splits([*before, (sum(before[-1:]) + restart) % TURN | RESTARTS])
+    assert found == [Split(len(before), marked=False, broken=True, seam=0)] * is_one
 
 
 @pytest.mark.parametrize("around", [0, 45, 89.9, 90, 90.1, 180, 270, 329.9, 330, 330.1, 350])

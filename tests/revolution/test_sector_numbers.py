@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from lidario.families.rplidar.simulated.packers import pack_dense, pack_standard
-from tests.revolution.test_sectors import assert_sum, divided
+from tests.revolution.test_sectors import assert_sum, divided, without
 from tests.support.cases import CASES
-from tests.support.kept import arrivals
 from tests.support.numbered import DENSE, numbered
 from tests.support.streams import assembled
 
@@ -22,8 +21,7 @@ from tests.support.streams import assembled
 def test_where_the_clock_stands_makes_no_difference(name: str, lost: bool) -> None:
     """A recording, or another machine, may count from any moment, also one that is to come."""
     case = next(each for each in CASES if each.name == name)
-    left = [number for number in range(len(case.packets)) if not lost or number % 40 != 20]
-    raw, times = b"".join(case.packets[number] for number in left), arrivals(case, left)
+    raw, times, _ = without(case, range(20, len(case.packets), 40) if lost else ())
 
     def told(begin_ns: int) -> list[tuple[int, int, int]]:
         found = divided(case, raw, (8,), 64, lambda offset: times(offset) + begin_ns)
@@ -38,12 +36,9 @@ def test_what_passes_unseen_is_counted_once(name: str, turn: int) -> None:
     """Whether the first sector behind it tells it or, as behind the first revolution, the scan."""
     case = next(each for each in CASES if each.name == name)
     begins = [samples[0].packet for samples in case.turns]
-    gone = range((begins[turn] + begins[turn + 1]) // 2, begins[turn + 5] - 2)
-    left = [number for number in range(len(case.packets)) if number not in gone]
-    raw = b"".join(case.packets[number] for number in left)
-    plain = assembled(case, raw, 64, arrivals(case, left))
+    raw, times, _ = without(case, range((begins[turn] + begins[turn + 1]) // 2, begins[turn + 5] - 2))
+    plain, found = assembled(case, raw, 64, times), divided(case, raw, (8,), 64, times)
     assert plain.stats.missed_scans > 1
-    found = divided(case, raw, (8,), 64, arrivals(case, left))
     assert found.stats == plain.stats
     # Behind the first revolution no speed is sure: the first sector keeps the number that it was given.
     begin = 1 if turn == 0 else 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import fields
 from itertools import accumulate
 from typing import NamedTuple
@@ -72,6 +72,13 @@ def divided(
         scans += made
         order += made
     return Divided(scans, sectors, pipeline.stats, order)
+
+
+def without(case: Case, gone: Container[int]) -> tuple[bytes, Callable[[int], int], list[int]]:
+    """A stream less the packets with these numbers: its bytes, when the n-th comes, and the packets' sizes."""
+    left = [number for number in range(len(case.packets)) if number not in gone]
+    packets = [case.packets[number] for number in left]
+    return b"".join(packets), arrivals(case, left), list(map(len, packets))
 
 
 def assert_sum(found: Divided, count: int, *, stamps_ns: float, may_end: bool = False) -> None:
@@ -182,14 +189,14 @@ def test_a_sector_comes_before_its_revolution_is_whole(case: Case) -> None:
 
 
 @st.composite
-def losses(draw: st.DrawFn, case: Case) -> list[int]:
-    """Packets that are left when some stretches are lost."""
+def losses(draw: st.DrawFn, case: Case) -> set[int]:
+    """The packets of some stretches."""
     count = len(case.packets)
     gone: set[int] = set()
     for _ in range(draw(st.integers(1, 4))):
         begin = draw(st.integers(0, count - 1))
         gone |= set(range(begin, begin + draw(st.integers(1, max(1, count // 12)))))
-    return [number for number in range(count) if number not in gone]
+    return gone
 
 
 @pytest.mark.long
@@ -197,9 +204,7 @@ def losses(draw: st.DrawFn, case: Case) -> list[int]:
 @settings(max_examples=EXAMPLES)
 @given(st.data())
 def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataObject) -> None:
-    left = data.draw(losses(case), "left")
-    raw = b"".join(case.packets[number] for number in left)
-    times = arrivals(case, left)
+    raw, times, _ = without(case, data.draw(losses(case), "gone"))
     found = divided(case, raw, (8,), data.draw(st.sampled_from([64, 500, 4000]), "chunk"), times)
     if found.sectors[8]:
         # Of a read that comes late, amid losses, nobody knows yet whether a turn passed unseen.
@@ -210,9 +215,8 @@ def test_sectors_are_the_scan_where_packets_are_lost(case: Case, data: st.DataOb
 @most_or_all(CASES)
 def test_samples_around_lost_packets_have_the_times_of_the_scan(case: Case) -> None:
     """From the first of the sector on, within a sample, whatever corrections have moved their angles by."""
-    left = [number for number in range(len(case.packets)) if number % 40 != 20]
-    raw = b"".join(case.packets[number] for number in left)
-    found = divided(case, raw, (8,), [len(case.packets[number]) for number in left], arrivals(case, left))
+    raw, times, sizes = without(case, range(20, len(case.packets), 40))
+    found = divided(case, raw, (8,), sizes, times)
     checked = 0
     for scan in found.scans:
         begin = 0
@@ -248,10 +252,8 @@ def test_what_is_counted_is_the_same(case: Case, seed: int) -> None:
     for _ in range(3):
         begin = chance.randrange(len(case.packets))
         gone |= set(range(begin, begin + chance.randint(1, max(1, len(case.packets) // 50))))
-    left = [number for number in range(len(case.packets)) if number not in gone]
-    raw = b"".join(case.packets[number] for number in left)
-    found = divided(case, raw, (8,), 64, arrivals(case, left))
-    plain = assembled(case, raw, 64, arrivals(case, left))
+    raw, times, _ = without(case, gone)
+    found, plain = divided(case, raw, (8,), 64, times), assembled(case, raw, 64, times)
     assert plain.stats.lost_packets > 0
     assert found.stats == plain.stats
     assert [(scan.seq, scan.lost_packets, scan.stamp_ns) for scan in found.scans] == [
@@ -273,9 +275,8 @@ def test_what_is_missing_right_behind_a_start_packet_is_told_with_a_sector(name:
     case = next(each for each in CASES if each.name == name)
     shortest = min(map(len, case.packets))
     gone = {number + 1 for number, packet in enumerate(case.packets) if len(packet) == shortest}
-    left = [number for number in range(len(case.packets)) if number not in gone]
-    raw = b"".join(case.packets[number] for number in left)
-    found = divided(case, raw, (parts,), [len(case.packets[number]) for number in left], arrivals(case, left))
+    raw, times, sizes = without(case, gone)
+    found = divided(case, raw, (parts,), sizes, times)
     for scan in found.scans[1:-1]:
         told = [sector.lost_packets for sector in found.sectors[parts] if sector.seq == scan.seq]
         assert sum(told) == scan.lost_packets > 0
@@ -289,9 +290,8 @@ def test_a_lost_packet_is_told_with_the_sector_in_which_it_began(name: str) -> N
     began = [float(wire.headings(in_one_run(wire, packet))[0]) / wire.full_turn for packet in case.packets]
     halfway = [number for number, turned in enumerate(began) if 0.3 < turned < 0.7]
     for lost in [number for number in halfway if number > case.turns[1][0].packet][:10]:
-        left = [number for number in range(case.turns[3][0].packet) if number != lost]
-        raw = b"".join(case.packets[number] for number in left)
-        found = divided(case, raw, (parts,), [len(case.packets[number]) for number in left], arrivals(case, left))
+        raw, times, sizes = without(case, {lost, *range(case.turns[3][0].packet, len(case.packets))})
+        found = divided(case, raw, (parts,), sizes, times)
         told = [sector.index for sector in found.sectors[parts] if sector.lost_packets]
         # By the samples before it, so that of one that begins at an end of a sector either of both may tell.
         assert told in [[int(began[lost] * parts + slack)] for slack in (-0.1, 0.1)]
@@ -317,9 +317,8 @@ def test_where_pieces_tell_of_other_losses_than_their_revolution_the_last_sector
     wire = DENSE.make_format()
     begins = wire.headings(in_one_run(wire, DENSE.raw))
     seam = [at for at in range(len(begins) - 1) if begins[at] > begins[at + 1]][2]
-    left = [at for at in range(len(begins)) if not seam - 4 < at < seam + 3]
-    raw = b"".join(DENSE.packets[at] for at in left)
-    found = divided(DENSE, raw, (8,), 84, arrivals(DENSE, left))
+    raw, times, _ = without(DENSE, range(seam - 3, seam + 3))
+    found = divided(DENSE, raw, (8,), 84, times)
     told = [sum(each.lost_packets for each in found.sectors[8] if each.seq == scan.seq) for scan in found.scans]
     assert told == [scan.lost_packets for scan in found.scans]
     assert sum(told) == 6

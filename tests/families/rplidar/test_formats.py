@@ -1,4 +1,4 @@
-"""Where packets begin, how long they are, and which are believed, format by format.
+"""Which headings are told, and which packets are believed.
 
 0x83: a packet with one flipped bit is repaired by its CRC, and no other damage passes for that.
 """
@@ -12,21 +12,6 @@ from lidario.families.rplidar.formats import FORMATS, HqFormat
 from lidario.families.rplidar.simulated import packers
 from tests.support.cases import CASES, Case, named
 from tests.support.streams import arrived
-
-CAPSULES = (0x82, 0x84, 0x85, 0x86)
-capsules = pytest.mark.parametrize("kind", CAPSULES)
-
-
-@capsules
-def test_any_nibbles_may_stand_beside_the_marks(kind: int) -> None:
-    stream = FORMATS[kind]()
-    found = {
-        (first, second)
-        for first in range(256)
-        for second in range(256)
-        if stream.measure(bytearray((first, second)), 0) == stream.shortest
-    }
-    assert found == {(0xA0 | low, 0x50 | high) for low in range(16) for high in range(16)}
 
 
 def test_a_start_angle_beyond_the_turn_is_brought_into_it() -> None:
