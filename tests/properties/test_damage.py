@@ -1,4 +1,4 @@
-"""What damage costs: the packets it hits, and nothing else.
+"""What damage costs: the packets it hits, and nothing else; and what only looks like damage costs nothing.
 
 All figures are of the golden streams, between the beginning of their first whole turn and the end of the last.
 The share kept is the number of points in the delivered scans, divided by that in the clean turns.
@@ -9,13 +9,16 @@ from random import Random
 import numpy as np
 import pytest
 
+from tests.reference import ydlidar
 from tests.support.cases import CASES, Case
+from tests.support.contents import resealed
 from tests.support.kept import Kept, accepted_by_place, arrivals, kept, settled, spoil_inside
 from tests.support.samples import one_a_parser
 from tests.support.streams import assembled
 
 PACKET_CASES = [case for case in CASES if case.make_format().longest > 5]
 """All but the plain node, which has no check value: see test_nodes."""
+every_cloud = pytest.mark.exhaustive("case", sample=[case for case in CASES if case.layout is not None])
 SEEDS = range(12)
 """No seed of these damages a start angle so that the check value does not see it."""
 
@@ -51,17 +54,22 @@ def test_one_byte_in_a_thousand(case: Case) -> None:
     assert sum(result.faulty for result in results) <= len(SEEDS)
 
 
+def assert_costs_itself(case: Case, number: int, instead: bytes) -> None:
+    """Where this stands instead of that packet of the second turn, that one is missing, and nothing else is."""
+    raw = b"".join([*case.packets[:number], instead, *case.packets[number + 1 :]])
+    result = kept(case, raw, [n for n in range(len(case.packets)) if n != number], set())
+    assert (result.wrong, result.missing, result.lost, result.broken) == (0, 1, 1, 0)
+    assert result.moved.max() <= 2
+    assert [scan.lost_packets for scan in result.scans] == [0, 1] + [0] * (len(case.turns) - 2)
+
+
 @one_a_parser([case for case in PACKET_CASES if case.response_type != 0x83])  # it is repaired
 @pytest.mark.exhaustive("bit", sample=[3, 61, 333, -70, -1])
 def test_a_flipped_bit_costs_its_packet_and_nothing_else(case: Case, bit: int) -> None:
     for number in (case.turns[1][0].packet + 3, case.turns[1][-1].packet - 2):
         packet = bytearray(case.packets[number])
         packet[bit // 8 % len(packet)] ^= 1 << bit % 8
-        raw = b"".join([*case.packets[:number], bytes(packet), *case.packets[number + 1 :]])
-        result = kept(case, raw, [n for n in range(len(case.packets)) if n != number], set())
-        assert (result.wrong, result.missing, result.lost) == (0, 1, 1)
-        assert result.moved.max() <= 2
-        assert [scan.lost_packets for scan in result.scans] == [0, 1] + [0] * (len(case.turns) - 2)
+        assert_costs_itself(case, number, bytes(packet))
 
 
 @one_a_parser(PACKET_CASES)
@@ -98,9 +106,33 @@ def test_a_truncated_packet_costs_itself(case: Case) -> None:
     number = case.turns[1][0].packet + 4
     packet = case.packets[number]
     for length in sorted({1, 2, 3, 9, 11, len(packet) // 2, len(packet) - 2, len(packet) - 1}):
-        raw = b"".join([*case.packets[:number], packet[:length], *case.packets[number + 1 :]])
-        result = kept(case, raw, [n for n in range(len(case.packets)) if n != number], set())
-        assert (result.wrong, result.missing, result.lost, result.broken) == (0, 1, 1, 0)
+        assert_costs_itself(case, number, packet[:length])
+
+
+@every_cloud
+@pytest.mark.parametrize("samples", [0, 81, 255])
+def test_an_absurd_number_of_samples_costs_the_packet(case: Case, samples: int) -> None:
+    assert isinstance(case.layout, ydlidar.Kind)
+    number = case.turns[1][0].packet + 5
+    packet = case.packets[number]
+    assert_costs_itself(case, number, resealed(case.layout, packet[:3] + bytes((samples,)) + packet[4:]))
+
+
+@every_cloud
+def test_samples_that_look_like_packets_are_samples(case: Case) -> None:
+    """Distances, and intensities, of which every two bytes are the packet's own mark."""
+    assert isinstance(case.layout, ydlidar.Kind)
+    packets = list(case.packets)
+    for number, packet in enumerate(packets[::2]):
+        marks = (b"\xaa\x55" * len(packet))[: len(packet) - 10]
+        packets[2 * number] = resealed(case.layout, packet[:10] + marks)
+    turns = case.revolutions(case.decode(packets))
+    scans, stats, link = assembled(case, b"".join(packets))
+    assert (len(scans), stats.lost_packets, link.skipped_bytes) == (len(case.turns), 0, 0)
+    for scan, turn in zip(scans, turns, strict=True):
+        assert scan.device_distances.tolist() == [sample.distance_mm for sample in turn]
+        found = None if scan.intensities is None else scan.intensities.tolist()
+        assert found == case.intensities(turn)
 
 
 @one_a_parser(PACKET_CASES)

@@ -209,17 +209,3 @@ def test_leaping_over_many_headings_finds_the_splits_a_walk_finds(
         assert leap.splits(kind(part)) == walked(walk, part)
         assert state(leap) == state(walk)
         begin += size
-
-
-@pytest.mark.parametrize("case", KINDS, ids=named)
-def test_the_headings_of_a_golden_stream_split_where_its_turns_begin(case: Case) -> None:
-    wire = case.make_format()
-    headings = [int(heading) for heading in wire.headings(in_one_run(wire, case.raw))]
-    assert len(headings) == len(case.packets)
-    splits = Seam(wire.full_turn, wire.first_seam).splits(headings)
-    assert splits == walked(Seam(wire.full_turn, wire.first_seam), headings)
-    # The packet behind the one that crosses the seam, for each turn and for the open one at the end.
-    begins = [turn[0].packet + (turn[0].index > 0) for turn in case.turns]
-    found = [split.packet for split in splits if not split.broken]
-    assert found[:-1] == begins
-    assert len(found) == len(begins) + 1

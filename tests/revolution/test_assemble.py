@@ -203,18 +203,6 @@ def test_what_a_scan_promises(case: Case) -> None:
     assert (scans[0].intensities is None) is (case.samples[0].quality is None)
 
 
-@pytest.mark.parametrize("offset", [0.0, 12.5, -90.0, 359.99, 400.0])
-def test_the_zero_offset_turns_every_angle(offset: float) -> None:
-    plain, turned = (assemble(numbered(80, 960.3), zero_offset_deg=degrees) for degrees in (0.0, offset))
-    assert plain
-    for before, after in zip(plain, turned, strict=True):
-        moved = after.device_angles.astype(np.float64) - before.device_angles - offset
-        assert np.abs((moved + 180) % 360 - 180).max() < 1e-4
-        assert ((after.device_angles >= 0) & (after.device_angles < 360)).all()
-        assert (np.abs(after.angles) <= np.float32(np.pi)).all()
-        np.testing.assert_array_equal(after.device_distances, before.device_distances)
-
-
 @pytest.mark.parametrize("run", [1, 200])
 def test_a_zero_offset_may_begin_behind_the_next_scan(run: int) -> None:
     """Where a part of the revolution in the making was told already, the rest of it keeps its offset."""

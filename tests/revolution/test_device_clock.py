@@ -15,7 +15,6 @@ from lidario.families.ldrobot import BEAM
 from lidario.families.ldrobot.simulated import pack_points
 from lidario.model import ScanMode
 from lidario.recording.stored_times import StoredTimes
-from lidario.revolution.assemble import Assembler
 from lidario.revolution.device_clock import DeviceClock, StampReader
 from lidario.wire.events import Packets
 from lidario.wire.formats import Ticks
@@ -192,22 +191,6 @@ def test_a_clock_that_began_anew_is_another_one_wherever_it_begins(begin_ms: flo
     found = errors_ms(received(data + again, late_reads(times, 3, 16.0)), times)
     assert max(found) < 17.0
     assert min(found) > -12.0
-
-
-@pytest.mark.parametrize("turns", [1.0, 2.0, 7.5])
-def test_how_long_an_outage_was_the_stamps_tell_though_all_is_read_at_once(turns: float) -> None:
-    """As behind a loop that was blocked: angles hide whole revolutions, and all bytes have one time."""
-    data, times = made(6.0)
-    gone = round(turns / TURNS * RATE / 12)
-    kept = data[: 800 * 47] + data[(800 + gone) * 47 :]
-    left = np.concatenate((times[:800], times[800 + gone :]))
-    reads = [(end, round(left[end - 1])) for end in range(7, 700, 7)]
-    reads.append((len(left), round(left[-1])))
-    assembler = Assembler(stream())
-    scans = [scan for event in received(kept, reads) for scan in assembler.add(event)]
-    assert scans[-1].seq == pytest.approx(58, abs=1)
-    assert assembler.stats.lost_packets == pytest.approx(gone, abs=2)
-    assert scans[-1].stamp_ns == pytest.approx(5.8e9, abs=5 * MS)
 
 
 def stored(data: bytes, size: int) -> list[int]:

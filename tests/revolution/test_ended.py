@@ -190,3 +190,22 @@ def test_so_is_one_that_misses_too_many_samples_inside(there: int, behind: int, 
     gaps = [(400, there), *([(80 * EACH, behind)] if behind else [])]
     here = ended(partial(80, END_NS), decoded(80, 80.0, gaps=gaps), round(END_NS - USUAL_NS))
     assert here.is_broken(DenseFormat(), USUAL_NS) is broken
+
+
+def test_where_samples_are_missing() -> None:
+    samples = replace(decoded(5, 80.0), gaps=[(80, 40)])
+    revolution = PartialRevolution(whole=True)
+    assert revolution.gaps(samples, 20, 200, revoked=False) == [(100, 40)]
+    assert revolution.gaps(samples, 20, 100, revoked=False) == []  # behind its end
+    revolution.skipped_behind_carried = 7
+    assert revolution.gaps(samples, 20, 200, revoked=False) == [(20, 7), (100, 40)]
+    # Without the samples that were carried over, it begins behind that gap.
+    assert revolution.gaps(samples, 20, 200, revoked=True) == [(80, 40)]
+    assert revolution.gaps(replace(samples, certain=False), 20, 200, revoked=False) is None
+
+
+def test_when_its_reads_came_is_known_where_its_beginning_was_read() -> None:
+    packets = Packets(b"....", (Block(1, 4),), ((1, 600), (4, 900)))
+    known = PartialRevolution(whole=True, carried_ns=400, begun_ns=500, ended_ns=1200)
+    assert [*known.reads_ns(packets)] == [400, 500, 600, 900, 1200]
+    assert not PartialRevolution(whole=True, carried_ns=400, ended_ns=1200).reads_ns(packets)

@@ -74,37 +74,30 @@ def clean(name: str) -> list[Scan]:
     return scans_of(name, reads_of(0.5))[0]
 
 
-@pytest.mark.exhaustive("name", sample=ONE_A_PARSER, full=list(KINDS))
-@pytest.mark.exhaustive("turns", sample=[0.9, 1.1, 1.3], full=[0.7, 0.8, 0.9, 1.0, 1.1, 1.3, 1.9, 2.0])
-@pytest.mark.exhaustive("phase", sample=[0.35], full=[0.05, 0.15, 0.35, 0.55, 0.75, 0.95])
-@pytest.mark.parametrize("piece_s", [0.004, 0.013])
-def test_a_pause_of_a_turn_costs_nothing(name: str, turns: float, phase: float, piece_s: float) -> None:
-    turn_s = TURN_S.get(name, 0.1)
-    costs_nothing(name, reads_of(1.2 + phase * turn_s, (turns * turn_s, piece_s)))
+def once(*turns: float) -> list[list[tuple[float, float]]]:
+    """Pauses of so many turns, each with a piece behind it, soon all the rest."""
+    return [[(each, piece)] for each in turns for piece in (0.04, 0.13)]
+
+
+AGAIN = [
+    [(0.54, 0.01), (0.97, 0.36), (1.17, 1.62)],
+    [(0.6, 0.2), (0.6, 0.2), (0.5, 0.4)],
+    [(1.1, 0.2), (0.5, 0.3), (0.5, 0.9)],
+    [(2.0, 0.1), (0.6, 1.0), (0.6, 1.0), (0.6, 1.0)],
+    [(0.45, 0.1), (0.45, 0.1), (0.45, 0.1), (0.45, 0.1)],
+]
+"""As the terminal of a device that waits for its reader, on a busy machine: it pauses before it has caught up."""
 
 
 @pytest.mark.exhaustive("name", sample=ONE_A_PARSER, full=list(KINDS))
-@pytest.mark.exhaustive("phase", sample=[0.35], full=[0.05, 0.35, 0.65, 0.95])
-@pytest.mark.parametrize(
-    "pauses",
-    [
-        [(0.54, 0.01), (0.97, 0.36), (1.17, 1.62)],
-        [(0.6, 0.2), (0.6, 0.2), (0.5, 0.4)],
-        [(1.1, 0.2), (0.5, 0.3), (0.5, 0.9)],
-        [(2.0, 0.1), (0.6, 1.0), (0.6, 1.0), (0.6, 1.0)],
-        [(0.45, 0.1), (0.45, 0.1), (0.45, 0.1), (0.45, 0.1)],
-    ],
+@pytest.mark.exhaustive("phase", sample=[0.35], full=[0.05, 0.15, 0.35, 0.55, 0.65, 0.75, 0.95])
+@pytest.mark.exhaustive(
+    "pauses", sample=[*once(0.9, 1.1, 1.3), *AGAIN], full=[*once(0.7, 0.8, 0.9, 1.0, 1.1, 1.3, 1.9, 2.0), *AGAIN]
 )
-def test_nor_does_one_that_pauses_again_before_it_has_caught_up(
-    name: str, phase: float, pauses: list[tuple[float, float]]
-) -> None:
-    """As the terminal of a device that waits for its reader, on a machine that is busy; in turns."""
-    turn_s = TURN_S.get(name, 0.1)
-    costs_nothing(name, reads_of(1.2 + phase * turn_s, *[(turn_s * one, turn_s * other) for one, other in pauses]))
-
-
-def costs_nothing(name: str, reads: Sequence[Read]) -> None:
+def test_pauses_cost_nothing(name: str, phase: float, pauses: list[tuple[float, float]]) -> None:
+    """Each pause and the piece behind it, in turns."""
     turn_s, expected = TURN_S.get(name, 0.1), clean(name)
+    reads = reads_of(1.2 + phase * turn_s, *[(turn_s * one, turn_s * other) for one, other in pauses])
     for together in (False, True):
         scans, pipeline = scans_of(name, reads, together=together)
         stats = pipeline.stats

@@ -64,13 +64,6 @@ def test_responses_have_the_sheets_types_and_sizes() -> None:
     assert {text: SENT[text].expects for text in sizes} == {text: Expected(*each) for text, each in sizes.items()}
 
 
-def test_the_sheets_other_checksums() -> None:
-    assert encode_request(0xF0, bytes.fromhex("9402")) == bytes.fromhex("A5F0029402C1")
-    assert encode_request(0xFF, bytes(4)) == bytes.fromhex("A5FF04000000005E")
-    assert encode_request(0x25) == bytes.fromhex("A525")
-    assert encode_request(0x84, b"") == bytes.fromhex("A5840021")
-
-
 @given(st.integers(0, 255), st.binary(max_size=255))
 def test_a_request_with_its_checksum_sums_to_nothing(command: int, payload: bytes) -> None:
     data = encode_request(command, payload)

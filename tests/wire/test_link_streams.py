@@ -65,20 +65,22 @@ def test_one_stretch_of_noise_is_one_event_however_long() -> None:
     assert link.stats.skipped_stretches == 1
 
 
+@pytest.mark.parametrize("size", [None, 1, 30])
 @pytest.mark.parametrize("case", [case for case in KINDS if not case.descriptor], ids=named)
-def test_packets_between_noise_are_a_response_too(case: Case) -> None:
+def test_so_many_packets_are_a_response_and_noise_between_them_is_no_part_of_it(
+    case: Case, size: int | None
+) -> None:
+    """Also where the first one is cut."""
     random, link = Random(case.name), Link()
     link.send_request(hear(case.make_format(), 24))
-    events = receive(link, b"".join(packet + random.randbytes(len(packet)) for packet in case.packets[:26]))
-    (response,) = events
+    raw = b"".join(packet + random.randbytes(len(packet)) for packet in case.packets[:27])[1:]
+    (response,) = receive(link, raw, 0, size)
     assert isinstance(response, Response)
-    assert b"".join(case.packets).startswith(response.payload)
-
-
-def test_packets_bear_the_arrival_of_their_last_byte() -> None:
-    link = streaming()
-    assert receive(link, PACKETS[0] + PACKETS[1][:40], 10) == [arrived(PACKETS[0], 1, 10)]
-    assert receive(link, PACKETS[1][40:], 20) == [arrived(PACKETS[1], 1, 20)]
+    assert response.payload in b"".join(case.packets)
+    assert len(case.split(response.payload)) >= 24
+    stats = link.stats
+    assert (link.state, stats.response_bytes) == (LinkState.IDLE, len(response.payload))
+    assert len(raw) == stats.response_bytes + stats.stray_bytes + stats.drained_bytes + link.buffered
 
 
 def test_stop_ends_the_stream_and_throws_away_what_is_left() -> None:

@@ -19,7 +19,7 @@ from lidario.wire.link import Link
 from lidario.wire.states import LinkState
 from tests.families.ldrobot.about import CASES
 from tests.reference import golden, ldrobot
-from tests.support.streams import cut_up, feed, in_one_run
+from tests.support.streams import feed, in_one_run
 
 Floats = NDArray[np.float64]
 
@@ -88,36 +88,6 @@ def test_the_correction_before_holds_where_nothing_came_back_also_across_packets
 
 
 # ------------------------------------------------------------------------------------------ packets as a response
-
-
-@pytest.mark.parametrize("chunk", [None, 1, 30])
-@pytest.mark.parametrize("skip", [0, 1, 46])
-def test_so_many_packets_in_a_row_are_the_response(skip: int, chunk: int | None) -> None:
-    link = Link()
-    link.send_request(hear(PacketFormat(), 4))
-    raw, events = b"".join(CLEAN[:12])[skip:], []
-    for piece in cut_up(raw, chunk):
-        link.receive_data(piece, 7)
-        events += link.events_received()
-    (response,) = events
-    assert isinstance(response, Response)
-    heard = ldrobot.split(response.payload)
-    assert len(heard) >= 4
-    assert b"".join(CLEAN).startswith(b"".join(CLEAN[:1] if skip else []) + response.payload)
-    stats = link.stats
-    assert link.state is LinkState.IDLE
-    counted = stats.response_bytes + stats.stray_bytes + stats.drained_bytes + link.buffered
-    assert counted == stats.bytes_received == len(raw)
-
-
-def test_noise_between_them_is_no_part_of_the_response() -> None:
-    link = Link()
-    link.send_request(hear(PacketFormat(), 4))
-    link.receive_data(b"".join(CLEAN[:3]) + b"\0" * 50 + CLEAN[3], 0)
-    assert link.events_received() == []
-    link.receive_data(CLEAN[4], 0)
-    assert link.events_received() == [Response(b"".join(CLEAN[:5]))]
-    assert (link.stats.stray_bytes, link.stats.response_bytes) == (50, 5 * 47)
 
 
 def test_packets_that_nobody_waits_for_any_more_are_no_response() -> None:

@@ -24,6 +24,13 @@ def nodes_of(step: int, count: int = 140) -> Heads:
     return heads(headings(*(step * at for at in range(count))), step * count % TURN)
 
 
+def knowing(step: int) -> NodeSteps:
+    """A model that has followed nodes so far apart."""
+    rotation = NodeSteps(TURN)
+    rotation.follow(nodes_of(step))
+    return rotation
+
+
 ORDINARY: dict[str, Callable[[NodeSteps, int], object]] = {
     "all there": lambda rotation, step: rotation.follow(nodes_of(step)),
     "one missing": lambda rotation, step: rotation.follow(steps_of(2 * step, *[step] * 41)),
@@ -34,8 +41,7 @@ ORDINARY: dict[str, Callable[[NodeSteps, int], object]] = {
 @pytest.mark.parametrize("between", ORDINARY)
 @pytest.mark.parametrize(("step", "other"), [(7, 20), (5, 15), (7, 21), (40, 120)])
 def test_another_step_is_believed_the_32nd_time_in_a_row(step: int, other: int, between: str) -> None:
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(step))
+    rotation = knowing(step)
     for _ in range(5):
         rotation.follow(nodes_of(other, 32))
     ORDINARY[between](rotation, step)
@@ -52,13 +58,12 @@ def steps_of(*steps: int) -> Heads:
 
 def test_where_angles_run_backwards_a_node_costs_less_than_a_call() -> None:
     """In a revolution that never ends thousands fall back, and the event loop stood still meanwhile."""
-    rotation, called = NodeSteps(TURN), 0
+    rotation, called = knowing(7), 0
 
     def count(frame: object, event: str, argument: object) -> None:
         nonlocal called
         called += event in ("call", "c_call")
 
-    rotation.follow(nodes_of(7))
     nodes = steps_of(*[-20] * 3000)
     sys.setprofile(count)
     try:
@@ -122,38 +127,33 @@ def test_steps_within_half_of_the_ordinary_one_are_of_one_speed(first: list[int]
     """Their mean is the ordinary one, of the first ones too."""
     arcs = NodeSteps(TURN).follow(steps_of(*first))
     assert (arcs.certain, lost(arcs)) == (True, missing_there)
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(7))
+    rotation = knowing(7)
     assert lost(rotation.follow(steps_of(*[10] * 60, 20, *[10] * 60))) == 1
 
 
 @pytest.mark.parametrize("nodes", [96, 97, 100])
 def test_a_wide_gap_among_the_last_nodes_is_counted_by_the_steps_before(nodes: int) -> None:
     """Steps are looked at 32 by 32; a gap may stand alone behind these."""
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(70))
+    rotation = knowing(70)
     assert lost(rotation.follow(steps_of(*[70] * nodes, 70 * 51))) == 50
 
 
 @pytest.mark.parametrize(("back", "gone"), [(1900, 0), (1950, 3012)])
 def test_nodes_fall_back_by_30_degrees_at_most(back: int, gone: int) -> None:
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(7))
+    rotation = knowing(7)
     assert lost(rotation.follow(steps_of(*[7] * 50, -back, *[7] * 50))) == pytest.approx(gone, abs=2)
 
 
 def test_a_node_that_stands_hides_no_gap_beside_it() -> None:
     """Only one that is out of place does, which falls back."""
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(7))
+    rotation = knowing(7)
     for before, behind in ((0, 21), (21, 0)):
         assert lost(rotation.follow(steps_of(*[7] * 50, before, behind, *[7] * 50))) == 2
 
 
 def test_steps_that_do_not_agree_are_no_other_speed() -> None:
     """Of each four there is one alike, however often they come."""
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(7))
+    rotation = knowing(7)
     for _ in range(40):
         rotation.follow(steps_of(*[20, 45, 100, 200] * 32))
     assert lost(rotation.follow(nodes_of(14))) == 140
@@ -174,8 +174,7 @@ def test_time_goes_on_telling_it_in_revolutions_of_many_nodes(reads: int) -> Non
 
 
 def test_another_speed_may_have_steps_that_scatter() -> None:
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(7))
+    rotation = knowing(7)
     for _ in range(33):
         rotation.follow(steps_of(*[20, 40, 40] * 46))
     assert lost(rotation.follow(steps_of(*[20, 40, 40] * 46))) == 0
@@ -236,8 +235,7 @@ def test_one_node_alone_tells_no_step() -> None:
 
 
 def test_the_first_steps_of_a_rotor_that_stood_are_its_speed() -> None:
-    rotation = NodeSteps(TURN)
-    rotation.follow(nodes_of(0))
+    rotation = knowing(0)
     arcs = rotation.follow(steps_of(*[7] * 50, 14, *[7] * 50))
     assert (arcs.certain, lost(arcs)) == (True, 1)
 
@@ -246,8 +244,7 @@ def test_the_first_steps_of_a_rotor_that_stood_are_its_speed() -> None:
 @pytest.mark.parametrize("before", [1, 3, 60])
 def test_what_leaps_ahead_and_falls_back_within_40_nodes_is_no_gap(before: int, ahead: int) -> None:
     for false in (1, 2, 20, 39, 40):
-        rotation, angles = NodeSteps(TURN), 7 * np.arange(150)
-        rotation.follow(nodes_of(7))
+        rotation, angles = knowing(7), 7 * np.arange(150)
         angles[before : before + false] += ahead
         # How many nodes a leap is, is rounded.
         assert lost(rotation.follow(heads(headings(*angles.tolist()), 1050))) <= 1, false
@@ -268,8 +265,7 @@ def test_angles_that_are_corrected_by_the_distance_hide_no_gap_and_are_none(
     edges: list[tuple[int, int, int]], gap: int
 ) -> None:
     """Where an edge is near, nodes fall back behind it, and leap ahead behind the next one: by up to some steps."""
-    rotation, angles = NodeSteps(TURN), 80 * np.arange(288)
-    rotation.follow(nodes_of(80))
+    rotation, angles = knowing(80), 80 * np.arange(288)
     for begin, end, off in edges:
         angles[begin:end] -= off
     left = np.delete(angles, range(150, 150 + gap)) % TURN
