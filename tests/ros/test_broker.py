@@ -125,7 +125,7 @@ async def test_a_configuration_says_where(tmp_path: Path) -> None:
 
 async def test_a_configuration_that_says_where_peers_listen_and_not_routers(tmp_path: Path) -> None:
     file = tmp_path / "peer.json5"
-    file.write_text(f'{{ listen: {{ endpoints: {{ peer: ["{free()}"] }} }} }}')
+    file.write_text(f'{{ listen: {{ endpoints: {{ peer: ["{free_address()}"] }} }} }}')
     async with await Router.open(config=file) as router:
         assert router.addresses == ()
 
