@@ -10,7 +10,7 @@ from typing import Protocol
 from weakref import WeakSet
 
 
-class Held(Protocol):
+class Inherited(Protocol):
     """Something that has descriptors."""
 
     def forked(self) -> None:
@@ -18,7 +18,7 @@ class Held(Protocol):
         ...
 
 
-def let_go_in_children(held: Held) -> None:
+def let_go_in_children(held: Inherited) -> None:
     """Have it called in each child that is forked from now on, as long as it exists."""
     _held.add(held)
 
@@ -31,7 +31,7 @@ def leave_nothing(handle: int) -> None:
         os.close(nothing)
 
 
-_held: WeakSet[Held] = WeakSet()
+_held: WeakSet[Inherited] = WeakSet()
 
 
 def _let_go() -> None:

@@ -280,7 +280,7 @@ class Port(Guarded, WallClock, asyncio.Protocol):
         _log.debug("%s is open", self.name)
 
     def forked(self) -> None:
-        """As `Held`: the port is the parent's."""
+        """As `Inherited`: the port is the parent's."""
         self.is_forked = True
         if self._line is not None:
             self._line.let_go()
