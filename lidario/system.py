@@ -1,6 +1,7 @@
 """What the operating system says of a failure, as the end of a sentence, with the cure where it is not plain."""
 
 import errno
+import os
 from typing import Final, TypeGuard
 
 NO_FILES: Final = "this program may open no more files: `ulimit -n`, or LimitNOFILE of its service, says how many"
@@ -20,3 +21,11 @@ def cause_of(error: OSError | MemoryError) -> str:
         return NO_FILES
     text = error.strerror or str(error)
     return text[:1].lower() + text[1:]
+
+
+def real_path(path: str) -> str:
+    """The path behind all links; as it is where it begins in the working folder, and that was removed."""
+    try:
+        return os.path.realpath(path)
+    except OSError:
+        return path

@@ -27,6 +27,7 @@ from tests.cli.processes import in_memory, invoke, run
 from tests.support.cable import next_after, on_a_cable
 from tests.support.children import ROOT
 from tests.support.devices import left_still, make_rig, scanning
+from tests.support.leaks import leaves_nothing
 from tests.support.loop import driven, now
 
 S2 = "sim://rplidar-s2?via=memory"
@@ -165,6 +166,21 @@ async def test_a_lidar_that_is_away_comes_back_when_there_are_threads_again(
         assert [each.message for each in caplog.records if NO_THREADS in each.message]
         cable.plug()
         await next_after(stream, now())
+
+
+@pytest.mark.parametrize("via", ["pty", "tcp", "udp"])
+async def test_a_simulated_lidar_that_needs_one_is_not_opened_and_leaves_no_descriptor(via: str) -> None:
+    with leaves_nothing(), no_threads(started_directly=False), pytest.raises(ConnectFailed, match=NO_THREADS):
+        await open_lidar(f"sim://rplidar-s2?via={via}")
+
+
+@pytest.mark.parametrize("way", ["--pty", "--tcp=:0", "--udp=:0"])
+def test_a_simulated_lidar_of_the_command_that_needs_one(way: str) -> None:
+    with no_threads(started_directly=False):
+        ended = invoke("sim", "rplidar-s2", way)
+    assert NO_THREADS in ended.stderr
+    assert "unexpected" not in ended.stderr
+    assert ended.exit_code in (2, 3)
 
 
 def test_the_command_says_it_in_one_line() -> None:

@@ -30,6 +30,7 @@ from pathlib import Path
 import serial
 
 from lidario.model import LineErrors
+from lidario.system import real_path
 
 ROOT = Path("/")
 _COUNTED = struct.Struct("=6I5I36x")
@@ -168,7 +169,7 @@ def latency_ms(port: str, root: Path = ROOT) -> int | None:
         port: As in ``/dev/ttyUSB0``.
         root: The folder in which ``sys`` stands.
     """
-    name = os.path.basename(os.path.realpath(port))
+    name = os.path.basename(real_path(port))
     try:
         told = (root / "sys/class/tty" / name / "device/latency_timer").read_text(encoding="ascii").strip()
     except (OSError, ValueError):

@@ -13,7 +13,7 @@ from pathlib import Path
 from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
 from lidario.port.guard import NAME as GUARD
-from lidario.system import cause_of
+from lidario.system import cause_of, real_path
 
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 _NOT_SERIAL = (errno.ENOTTY, errno.EINVAL, errno.EISDIR)
@@ -22,7 +22,7 @@ _LOCKED = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
 
 def is_pseudo_terminal(path: str) -> bool:
     """Whether `path` is a pseudo-terminal, whose other end always holds it open."""
-    return os.path.realpath(path).startswith("/dev/pts/")
+    return real_path(path).startswith("/dev/pts/")
 
 
 def held(path: str) -> bool:

@@ -32,6 +32,7 @@ from pathlib import Path
 from lidario.errors import Unsupported
 from lidario.port.background import run_in_thread
 from lidario.port.forked import let_go_in_children
+from lidario.system import real_path
 from lidario.wire.envelope import Request
 
 _log = logging.getLogger("lidario")
@@ -272,9 +273,8 @@ def wait_for_guard(line: str) -> None:
     """
     deadline = time.monotonic() + WAIT_S
     while time.monotonic() < deadline:
-        # A serial port has several names.
-        same = os.path.realpath(line)
-        if not any(os.path.realpath(held) == same and _is_dead(program) for program, held in _guards()):
+        same = real_path(line)  # a serial port has several names
+        if not any(real_path(held) == same and _is_dead(program) for program, held in _guards()):
             return
         time.sleep(_LOOK_S)
 

@@ -30,6 +30,7 @@ from lidario.sim.rooms import make_world
 from lidario.sim.serve import PtyServer, TcpServer, UdpServer, usual_way
 from lidario.simulation import serial_of
 from lidario.source import Source, quoted
+from lidario.system import cause_of
 
 _SERVERS: Final = {"pty": PtyServer, "tcp": TcpServer, "udp": UdpServer}
 
@@ -73,7 +74,13 @@ class Simulation:
         self._ports = 0
         way = source.options.get("via") or usual_way(self._device)
         if way != "memory":
-            self.server = _SERVERS[way](self._device, faults=self._faults)
+            try:
+                self.server = _SERVERS[way](self._device, faults=self._faults)
+            except OSError as error:
+                raise ConnectFailed(
+                    f"{quoted(self._name)} cannot be served: {cause_of(error)}. via=memory needs no such thing",
+                    reason="missing",
+                ) from error
 
     async def open(self) -> Port:
         """Open a line to it.

@@ -43,7 +43,11 @@ class PtyServer(Server):
         super().__init__(device, faults, chunk)
         self._held = -1
         self._plug_in()
-        self._thread.start()
+        try:
+            self._begin()
+        except BaseException:
+            self._let_go()
+            raise
 
     def _sources(self) -> list[int | socket.socket]:
         return [self._master]
@@ -106,15 +110,11 @@ class _AddressServer(Server):
         self, device: SimulatedDevice, host: str = "127.0.0.1", port: int = 0, *, faults: Faults | None = None
     ) -> None:
         self.address: tuple[str, int] = (host, port)
+        super().__init__(device, faults, self._most)
         self._plug_in()
-        try:
-            super().__init__(device, faults, self._most)
-        except BaseException:
-            self._shut()
-            raise
         bound = self._socket.getsockname()
         self.address = (bound[0], bound[1])
-        self._thread.start()
+        self._begin()
 
 
 class TcpServer(_AddressServer):

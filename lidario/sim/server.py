@@ -5,6 +5,7 @@ while it streams, at most `TICK_S`. What a port is, only the subclasses in `lida
 """
 
 import contextlib
+import errno
 import selectors
 import socket
 import threading
@@ -51,8 +52,22 @@ class Server(ABC):
         self.plugged.set()
         self._error: BaseException | None = None
         self._ending = threading.Event()
-        self._waker, self._woken = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name="simulated device", daemon=True)
+
+    def _begin(self) -> None:
+        """Start the thread, when all else is there.
+
+        Raises:
+            OSError: The system gives no more threads, or files; nothing stays open.
+        """
+        with contextlib.ExitStack() as undo:
+            undo.callback(self._shut)
+            self._waker, self._woken = map(undo.enter_context, socket.socketpair())
+            try:
+                self._thread.start()
+            except RuntimeError as error:
+                raise OSError(errno.EAGAIN, "The system allows no more threads: see `ulimit -u`") from error
+            undo.pop_all()
 
     def __enter__(self) -> Self:
         return self

@@ -1,6 +1,7 @@
 """Lines to simulated devices: on the loop's clock, and the device that fails in the middle."""
 
 import asyncio
+import errno
 import logging
 import os
 import sys
@@ -10,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from lidario import DeviceLost
+from lidario import DeviceLost, open_lidar
+from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.simulated import Simulation, connect_in_memory, make_device
@@ -222,6 +224,24 @@ def test_a_device_of_a_loop_that_is_closed_is_free() -> None:
 
     run_driven(again)
     kept.clear()
+
+
+@pytest.mark.parametrize(
+    "way", [("pty", "os.openpty"), ("tcp", "socket.socket.bind"), ("udp", "socket.socket.bind")]
+)
+async def test_where_the_system_has_no_way_to_serve_it(
+    way: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a container without /dev/pts, or without a loopback interface."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENODEV, "No such device")
+
+    via, call = way
+    monkeypatch.setattr(call, refuse)
+    told = rf"^'sim://rplidar-s2\?via={via}' cannot be served: no such device.*via=memory needs no such thing$"
+    with pytest.raises(ConnectFailed, match=told):
+        await open_lidar(f"sim://rplidar-s2?via={via}")
 
 
 def test_a_served_device_ends_with_its_port_after_the_loop_was_closed() -> None:

@@ -18,6 +18,7 @@ from typing import TypeAlias
 from lidario.port.background import run_in_thread
 from lidario.session.finding import discovery
 from lidario.source import Source
+from lidario.system import real_path
 
 MOST_IN_VAIN = 15
 """How often a port that nobody has named is asked in vain. That takes longer than a lidar boots (8 s)."""
@@ -83,7 +84,7 @@ def _ports() -> set[_Port]:
 
 
 def _port(path: str) -> _Port:
-    real = os.path.realpath(path)
+    real = real_path(path)
     try:
         return real, os.stat(real).st_ino
     except OSError:  # not there, or a system that has no file for a port
