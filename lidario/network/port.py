@@ -25,6 +25,7 @@ from lidario.network.messages import Entry, parse_raw_message, whole_scan
 from lidario.network.raw import in_order, reads_here
 from lidario.network.senders import OneSender, Senders
 from lidario.network.status import Status
+from lidario.port.background import begin_task
 from lidario.recording.chronicle import StreamBegan, StreamEnded, ZeroOffsetSet
 from lidario.recording.fed import FedPort
 from lidario.recording.read import StoredStream
@@ -232,7 +233,7 @@ class RemotePort(FedPort):
         """Close the bus; readers are told before that where the publisher is lost."""
         if self._timer is not None:
             self._timer.cancel()
-        self._closer = self._loop.create_task(self._close(error), name="lidario: close zenoh")
+        self._closer = begin_task(self._loop, self._close(error), "lidario: close zenoh")
 
     async def wait_closed(self) -> None:
         """As `Port.wait_closed`; zenoh takes two seconds at most, also where the publisher was lost."""

@@ -6,8 +6,8 @@ the loop is closed, and a call that hangs in a driver would keep the program fro
 
 import asyncio
 import threading
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeVar
 
 from lidario.errors import ConnectFailed, LocalProtocolError
 from lidario.latch import Latch, start_apart
@@ -28,6 +28,16 @@ def running_loop() -> asyncio.AbstractEventLoop:
         raise LocalProtocolError(
             "lidario needs an asyncio event loop: under trio, run it by anyio.run(main, backend='asyncio')"
         ) from None
+
+
+def begin_task(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, T], name: str) -> asyncio.Task[T]:
+    """Have `loop` run it, from its next turn on.
+
+    A program may give its loop a factory of tasks that runs them up to their first pause within the call
+    (`asyncio.eager_task_factory`). It is not used: whoever begins a task of the session is in the midst of a step,
+    and what the task does would come before the rest of that.
+    """
+    return asyncio.Task(coroutine, loop=loop, name=name)
 
 
 def start_thread(work: Callable[[], None], name: str) -> threading.Thread:

@@ -28,6 +28,7 @@ from lidario.arguments import finite, number, shown
 from lidario.errors import ConnectFailed, DeviceLost, InvalidValue, LidarError, LocalProtocolError
 from lidario.families.base import Device, Script
 from lidario.model import Health
+from lidario.port.background import begin_task
 from lidario.session.finding.connect import connect
 from lidario.session.finding.connection import Connection
 from lidario.session.finding.places import Places
@@ -126,7 +127,7 @@ class Reconnector:
             self._first, self._since, self._attempts = error, self._loop.time(), 0
             self._wait_s, self._why, self._told = self._policy.first_wait_s, "", set[str]()
             _log.warning("the line to the lidar is lost, and the session comes back: %s", error)
-        self._task = self._loop.create_task(self._run(), name="lidario: come back")
+        self._task = begin_task(self._loop, self._run(), "lidario: come back")
         self._task.add_done_callback(self._ended)
 
     def away_error(self) -> DeviceLost:

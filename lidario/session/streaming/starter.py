@@ -7,6 +7,7 @@ import asyncio
 
 from lidario.arguments import shown
 from lidario.errors import LidarError, LocalProtocolError, Unsupported
+from lidario.port.background import begin_task
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import NotWanted, StreamControl
 from lidario.session.streaming.failures import Failures
@@ -39,7 +40,7 @@ class Starter:
         """Have done what is to be done, if there is anything."""
         # A coroutine that is collected after its loop was closed comes by here, too.
         if self._task is None and self._has_work and not self._loop.is_closed():
-            self._task = self._loop.create_task(self._work(), name="lidario: start the stream")
+            self._task = begin_task(self._loop, self._work(), "lidario: start the stream")
             self._task.add_done_callback(self._ended)
 
     async def ended(self) -> None:
