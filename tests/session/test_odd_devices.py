@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidario import HealthStatus, Scan, StreamFailed, Unsupported, open_lidar
+from lidario import Health, HealthStatus, Scan, StreamFailed, Unsupported, open_lidar
 from lidario.families.hokuyo.simulated import PROFILES as HOKUYOS
 from lidario.families.hokuyo.simulated import SimulatedHokuyo
 from lidario.families.rplidar.simulated.device import Profile, SimulatedRplidar
@@ -70,6 +70,7 @@ async def test_a_device_that_does_not_tell_its_health_is_used(
         rig.device.halt(now_ns())
         await some(stream, 2)
         assert lidar.stats.restarts == 1
+        assert lidar.health == Health(HealthStatus.WARNING, 0, "it does not tell its health")
     assert "does not tell its health" in caplog.text
 
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import math
 from collections.abc import Awaitable, Callable
 from contextlib import nullcontext, suppress
 from itertools import count
@@ -15,6 +16,7 @@ from tests.support.devices import (
     Rig,
     both_families,
     hears_only,
+    leave_streaming,
     left_still,
     make_rig,
     names,
@@ -22,7 +24,7 @@ from tests.support.devices import (
     some,
     take,
 )
-from tests.support.loop import now
+from tests.support.loop import now, now_ns
 from tests.support.times import begun
 
 Call = Callable[[Lidar], Awaitable[object]]
@@ -181,6 +183,29 @@ async def test_a_stream_that_begins_while_a_stop_waits_for_a_question_is_not_sto
         assert stopped.done()
         assert isinstance(first.exception(), StopAsyncIteration)
         assert [scan.seq for scan in scans] == list(range(scans[0].seq, scans[0].seq + 20))
+
+
+async def test_one_that_streams_though_it_was_still_is_stopped_at_once(rig: Rig) -> None:
+    """It begins by itself, 0.6 s after it was told to stop."""
+    device, begins_ns = rig.device, 0
+    transmit, wakeup = device.transmit, device.wakeup
+
+    def by_itself(now_ns: int) -> bytes:
+        nonlocal begins_ns
+        if 0 < begins_ns <= now_ns:
+            begins_ns = 0
+            leave_streaming(device, now_ns)
+        sent: bytes = transmit(now_ns)
+        return sent
+
+    async with rig.open() as lidar:
+        await lidar.scan()
+        begins_ns = now_ns() + 600_000_000
+        device.transmit, device.wakeup = by_itself, lambda now: min(begins_ns or math.inf, wakeup(now) or math.inf)
+        await lidar.stop()
+        await asyncio.sleep(0.7)
+        assert not begins_ns
+        assert left_still(rig)
 
 
 async def test_noise_from_one_that_is_still_is_not_told_to_stop_for_ever(rig: Rig) -> None:
