@@ -157,7 +157,7 @@ def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
     late_ns = max(0.0, line.late_ns + later_ns)
     if not line.late_ns and late_ns < noise_ns:
         # That little is noise: adapters hold bytes back for some milliseconds.
-        late_ns = 0.0
+        return _Line(at_ns)
     if line.late_ns < LATE * turn_ns <= late_ns or not line.late_ns or late_ns <= line.most_ns - noise_ns:
         # Count anew: it has become late, so late that packets wait, or it is catching up.
         return _Line(at_ns, late_ns, 0, 0.0, late_ns)
