@@ -111,25 +111,6 @@ def test_a_pose_that_is_nowhere_is_refused(value: float) -> None:
         FOUR.points(motion=lambda times_ns: np.full((len(times_ns), 3), value), at_ns=0)
 
 
-def test_a_wall_seen_while_driving_is_straight() -> None:
-    """A wall 2 m to the left of a robot that drives and turns; without the motion it is bent."""
-    velocity, period_ns, count = Velocity(1.0, 0.0, 1.5), 100_000_000, 400
-    degrees, metres = [], []
-    for index in range(count):
-        _, y, yaw = driven(velocity, index / count * period_ns * 1e-9, steps=200)
-        degree = -360 * index / count
-        direction = math.radians(degree) + yaw
-        away = (2.0 - y) / math.sin(direction) if abs(math.sin(direction)) > 1e-6 else math.inf
-        degrees.append(degree)
-        metres.append(away if 0 < away < 8 else 0)
-    made = scan(degrees, metres, time_increment_ns=period_ns // count, duration_ns=period_ns, lost_packets=0)
-    at_ns = made.stamp_ns
-    straight = made.points(motion=velocity, at_ns=at_ns).xy[:, 1]
-    assert len(straight) > 100
-    np.testing.assert_allclose(straight, 2.0, atol=2e-3)
-    assert np.ptp(made.points().xy[:, 1]) > 0.1
-
-
 def test_merged() -> None:
     one, two = FOUR.points(), FOUR.points(Mount(x=10))
     both = merge(one, two)
