@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario.families.base import Family
-from lidario.families.registry import FAMILIES
+from lidario.families.registry import family_named
 from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.network import raw
 from lidario.network.bus import Sample
@@ -323,14 +322,9 @@ async def test_a_reader_that_comes_later_is_told_the_latest_zero_offset() -> Non
 def test_responses_that_no_device_gives_are_not_remembered(sent: Sent) -> None:
     assert sent.status is not None
     began = next(event for event in sent.status.about.events if isinstance(event, StreamBegan))
-    streams = RemoteStreams(family_of(sent), sent.status.about, (), began, raw=True)
+    family = family_named(sent.status.about.info.family)
+    streams = RemoteStreams(family, sent.status.about, (), began, raw=True)
     for size in (10, 100_000):
         streams.learn(Responded(b"\xa5" * size, 4, b"\1"))
         streams.learn(Responded(bytes((1, size & 0xFF)), 4, bytes(size)))
     assert sorted(len(each.request) + len(each.payload) for each in streams.responses.values()) == [11, 12]
-
-
-def family_of(sent: Sent) -> Family:
-    assert sent.status is not None
-    name = sent.status.about.info.family
-    return next(each for each in FAMILIES if each.name == name)

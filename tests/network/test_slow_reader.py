@@ -69,23 +69,16 @@ def session(monkeypatch: pytest.MonkeyPatch) -> Session:
     return made
 
 
-async def read(session: Session, rounds: int, **options: Any) -> tuple[list[tuple[int, FleetScan]], Fleet]:
-    """What a slow reader gets, each with its age in milliseconds."""
-    found = list[tuple[int, FleetScan]]()
-    async with Fleet("robots/*/scan", **options) as fleet:
-        network = Network(session.receive)
-        network.pass_time(2000)
-        async for each in fleet:
-            found.append((network.now_ms - each.sent_ns // 10**6, each))
-            network.pass_time(WORK_MS)
-            if len(found) == rounds * LIDARS:
-                break
-    return found, fleet
-
-
 @pytest.mark.long
 async def test_a_slow_reader_gets_no_old_scans(session: Session) -> None:
-    found, fleet = await read(session, 20)
+    found = list[tuple[int, FleetScan]]()  # each with its age in milliseconds
+    async with Fleet("robots/*/scan") as fleet:
+        network = Network(session.receive)
+        network.pass_time(2000)
+        while len(found) < 20 * LIDARS:
+            each = await anext(fleet)
+            found.append((network.now_ms - each.sent_ns // 10**6, each))
+            network.pass_time(WORK_MS)
     # Each lidar has its turn, and what it gives is of the last revolution. Much had come before the first round.
     assert max(age for age, _ in found[LIDARS:]) <= TURN_MS
     assert set(Counter(each.key for _, each in found).values()) == {20}
@@ -94,12 +87,6 @@ async def test_a_slow_reader_gets_no_old_scans(session: Session) -> None:
     # What is missing is told by the next scan of the lidar.
     last = found[-LIDARS * 2 :]
     assert sum(1 + each.lost for _, each in last) == pytest.approx(2 * LIDARS * LIDARS * WORK_MS / TURN_MS, rel=0.1)
-
-
-async def test_a_reader_that_wants_all_says_how_many_may_wait(session: Session) -> None:
-    found, fleet = await read(session, 4, depth=64)
-    assert fleet.dropped == fleet.lost == 0
-    assert not any(each.lost for _, each in found)
 
 
 async def test_two_tasks_that_read_one_fleet_are_told(session: Session) -> None:

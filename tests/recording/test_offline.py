@@ -31,14 +31,13 @@ from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.offline import OfflineDecoder
 from lidario.wire.envelope import DESCRIPTOR_SIZE
-from tests.support.cases import CASES, EVEN, KINDS, Case, named
+from tests.support.cases import CASES, EVEN, KINDS, Case
 from tests.support.children import ended
 from tests.support.ledger import PACKETS, assert_link_closes
 from tests.support.loop import driven
 from tests.support.recorded import record, same_points
 from tests.support.streams import assembled
 
-every_case = pytest.mark.parametrize("case", CASES, ids=named)
 every_kind = pytest.mark.exhaustive("case", sample=KINDS)
 
 INFO = bytes.fromhex("a55a1400000004") + bytes(range(20))
