@@ -1,12 +1,10 @@
 """`lidario router` and its engine: zenoh's own clients meet there."""
 
-import asyncio
 import signal
 from pathlib import Path
 from typing import IO
 
 import pytest
-import zenoh
 
 from lidario.cli.router import is_private
 from lidario.errors import InvalidValue
@@ -23,22 +21,6 @@ def rest_of(stream: IO[str] | None) -> str:
     return stream.read()
 
 
-async def test_what_one_client_publishes_another_one_reads() -> None:
-    address = free_address()
-    async with await Router.open(address) as router:
-        assert router.addresses == (address,)
-        reader, writer = await asyncio.to_thread(client, address), await asyncio.to_thread(client, address)
-        came = reader.declare_subscriber("robots/**", zenoh.handlers.FifoChannel(8))
-        publisher = writer.declare_publisher("robots/r7/scan")
-        async with asyncio.timeout(BOUND):
-            while (sample := came.try_recv()) is None:
-                publisher.put(b"scan")
-                await asyncio.sleep(0.05)
-        assert (str(sample.key_expr), sample.payload.to_bytes()) == ("robots/r7/scan", b"scan")
-        for each in (reader, writer):
-            await asyncio.to_thread(each.close)
-
-
 async def test_only_this_machine_reaches_it_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ZENOH_CONFIG", raising=False)
     assert LOOPBACK == "tcp/127.0.0.1:7447"
@@ -50,12 +32,18 @@ async def test_only_this_machine_reaches_it_by_default(monkeypatch: pytest.Monke
 
 NEVER_CLOSED = """
 import asyncio, sys
+from lidario.network.bus import Bus
 from lidario.ros import Fleet, Router
 
 async def main():
-    global router, fleet
+    global router, bus, fleet
     if "routes" in sys.argv:
         router = await Router.open(sys.argv[1])
+    bus = await Bus.open(sys.argv[1])
+    bus.watch_readers(bus.sender("left", b""), bool)
+    bus.subscribe("left", bool)
+    bus.watch_tokens("left", bool)
+    bus.respond("left", bytes)
     fleet = Fleet("flood/**", router=sys.argv[1])
     await fleet.start()
     while "routes" not in sys.argv and not fleet.bad_messages:
@@ -67,6 +55,7 @@ asyncio.run(main())
 
 @pytest.mark.long
 def test_a_program_that_never_closes_its_router_ends() -> None:
+    """Nor its connection: a thread of zenoh's for each subscription kept it from ending."""
     with child(NEVER_CLOSED, free_address(), "routes") as process:
         said, errors = process.communicate(timeout=BOUND)
     assert (process.returncode, said, errors) == (0, "", "")

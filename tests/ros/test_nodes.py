@@ -1,11 +1,14 @@
-"""What nodes make of the topic: slam_toolbox takes every message, and the returns of all lie on the walls.
+"""What nodes make of every LaserScan that lidario writes: slam_toolbox takes it, and all returns lie on the walls.
 
-`tests.reference.nodes` has their rules. Here they are applied to what arrives at another client of the router.
+`tests.reference.nodes` has their rules. Here they are applied to files, and to what another client of the router
+gets.
 """
 
 import asyncio
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,12 +21,13 @@ from lidario.ros import Publisher
 from lidario.ros.names import LASERSCAN, TF_MESSAGE, Node
 from lidario.scan import Scan
 from lidario.testing import SimulatedLidar, make_scan
+from tests.cli.processes import invoke
 from tests.reference.nodes import SlamToolbox, laser_geometry, moved
 from tests.support.loop import run_driven, until
-from tests.support.messages import decoded
+from tests.support.messages import decoded, scans_of_file
 from tests.support.network import Rig
 from tests.support.router import Router, client
-from tests.support.samples import MODELS, ONE_A_FAMILY
+from tests.support.samples import MODELS, ONE_A_FAMILY, SOME_MODELS
 from tests.support.walls import LONGEST_M, WALLS, from_walls, is_all_around
 
 COUNT = 30
@@ -33,6 +37,30 @@ MUST_BE_NAMED = ("ydlidar-tx8", "neato-lds02rr", "neato-lds01rr")
 """They must be named, or units or the sense of rotation are those of another model."""
 MOUNT = (0.3, -0.2, 0.7)
 """Of the lidar in the frame of its robot: metres ahead, metres to the left, radians."""
+
+
+TROUBLE = {
+    "none": {},
+    "spin-up": {"spin_up": 2.0},
+    "flip": {"fault": "flip:0.05%"},
+    "drop": {"fault": "drop:0.05%"},
+}
+CASES = [("record", "spin-up"), ("export", "flip"), ("record", "drop"), ("topic", "spin-up")]
+SOME_IN_EVERY_WAY = [(*case, model) for case in CASES for model in SOME_MODELS[:: len(CASES)]]
+SOUND = 0.98
+"""Share of the returns of a message, and on a damaged line of all: not every format has a check sum, and what is
+read behind a byte that was lost, until the packets are found again, is anywhere."""
+BEAMS = 1.0
+"""By so many a return may be beside its direction: half a beam on the grid, half a beam where that begins."""
+
+
+def in_turns(models: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Each model in one way, and ways in turns."""
+    return [(*CASES[number % len(CASES)], model) for number, model in enumerate(models)]
+
+
+def as_topics(models: Sequence[str]) -> list[tuple[str, str, str]]:
+    return [("topic", "none", model) for model in models]
 
 
 def scans_of(model: str, *, spin_up: float = 0.0, fault: str = "") -> list[Scan]:
@@ -99,22 +127,80 @@ def test_the_rules_themselves() -> None:
     assert SlamToolbox().take(opened) is not None
 
 
+def recorded(path: Path, model: str, trouble: str, *, scans: bool) -> None:
+    async def main() -> None:
+        device = SimulatedLidar(model, walls=WALLS, **TROUBLE[trouble])  # type: ignore[arg-type]
+        async with (
+            lidario.open_lidar(device, family=model.partition("-")[0]) as lidar,
+            lidar.record(path, scans=scans) as recording,
+            lidar.scans(depth=COUNT) as stream,
+        ):
+            async for _ in stream:
+                if recording.scans >= COUNT:
+                    break
+
+    run_driven(main)
+
+
+async def messages_of(way: str, model: str, trouble: str, folder: Path, router: Router) -> list[Any]:
+    """What is written; the returns of a topic without trouble lie on the walls, beam for beam."""
+    if way == "topic":
+        scans = await asyncio.to_thread(scans_of, model, **TROUBLE[trouble])  # type: ignore[arg-type]
+        scans = [scan for scan in scans if len(scan)]
+        messages, _ = await published(router, 43, scans)
+        if trouble == "none":
+            seen = list[Any]()
+            # Those that waited for the grid were not sent.
+            for scan, message in zip(scans[-len(messages) :], messages, strict=True):
+                # Not every format has a check sum, and the model of a device that tells nothing is a guess.
+                if from_walls(scan.xy()[scan.valid]).max() < 0.03:
+                    # The beams at both ends have samples of a moment before and after the revolution, too.
+                    between = np.concatenate([[np.nan], message.ranges[1:-1], [np.nan]])
+                    seen.append(laser_geometry(replace(message, ranges=between)))
+                    assert on_walls(seen[-1], message)
+            assert model in MUST_BE_NAMED or is_all_around(np.concatenate(seen))
+        return messages
+    path = folder / "recorded.mcap"
+    await asyncio.to_thread(recorded, path, model, trouble, scans=way == "record")
+    if way == "export":
+        await asyncio.to_thread(invoke, "export", str(path), str(folder / "exported.mcap"), code=0)
+        path = folder / "exported.mcap"
+    return scans_of_file(path)
+
+
 @pytest.mark.long
-@pytest.mark.exhaustive("model", sample=ONE_A_FAMILY, full=MODELS)
-async def test_slam_toolbox_takes_every_message_and_returns_lie_on_the_walls(router: Router, model: str) -> None:
-    scans = await asyncio.to_thread(scans_of, model)
-    messages, _ = await published(router, 41, scans)
-    slam, seen = SlamToolbox(), list[Any]()
-    # Those that waited for the grid were not sent.
-    for scan, message in zip(scans[-len(messages) :], messages, strict=True):
-        assert slam.take(message) is not None, (len(messages[0].ranges), len(message.ranges))
-        # Not every format has a check sum, and the model of a device that tells nothing is a guess.
-        if from_walls(scan.xy()[scan.valid]).max() < 0.03:
-            # The beams at both ends have samples of a moment before and after the revolution, too.
-            between = np.concatenate([[np.nan], message.ranges[1:-1], [np.nan]])
-            seen.append(laser_geometry(replace(message, ranges=between)))
-            assert on_walls(seen[-1], message)
-    assert model in MUST_BE_NAMED or is_all_around(np.concatenate(seen))
+@pytest.mark.exhaustive(
+    "what",
+    sample=[*as_topics(ONE_A_FAMILY), *in_turns(ONE_A_FAMILY)],
+    full=[*as_topics(MODELS), *in_turns(SOME_MODELS), *SOME_IN_EVERY_WAY],
+)
+async def test_slam_toolbox_takes_all_and_finds_the_walls(
+    what: tuple[str, str, str], router: Router, tmp_path: Path
+) -> None:
+    """Of lidars that speed up and of damaged lines, too.
+
+    A topic, `record --scans` and `export` have one grid each: as many beams in each message, at the same angles,
+    since slam_toolbox knows both of the first message alone.
+    """
+    way, trouble, model = what
+    messages = await messages_of(way, model, trouble, tmp_path, router)
+    assert len(messages) > COUNT / 3
+    slam = SlamToolbox()
+    taken = [slam.take(message) for message in messages]
+    assert slam.refused == 0, f"{slam.refused} of {len(messages)} have another number of beams than the first one"
+    if model in MUST_BE_NAMED:
+        return
+    near: dict[str, list[Any]] = {"slam_toolbox": [], "laser_geometry": []}
+    for message, points in zip(messages, taken, strict=True):
+        for reader, found in (("slam_toolbox", points), ("laser_geometry", laser_geometry(message))):
+            assert found is not None
+            near[reader].append(from_walls(found) < BEAMS * abs(message.angle_increment) * LONGEST_M + 0.03)
+    is_damaged = trouble in ("flip", "drop")
+    for reader, each in near.items():
+        parts = [np.concatenate(each)] if is_damaged else each
+        worst = min(float(part.mean()) for part in parts)
+        assert worst > SOUND, f"{reader}: {worst:.1%} of the returns are where walls are"
+    assert is_damaged or is_all_around(np.concatenate([each for each in taken if each is not None]))
 
 
 @pytest.mark.long

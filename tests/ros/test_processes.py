@@ -17,7 +17,7 @@ from lidario.network.bus import Bus
 from lidario.network.keys import parse_token, tokens_of
 from lidario.ros import list_remote_lidars
 from tests.cli.processes import started
-from tests.support.children import FORKS, ended, line_of
+from tests.support.children import FORKS, line_of
 from tests.support.router import Router, free_address
 
 BOUND_S = 30.0
@@ -70,29 +70,6 @@ async def test_each_is_killed_and_the_router_restarts(tape: str) -> None:
             await watcher.close()
     finally:
         router.stop()
-
-
-LEFT = """
-import asyncio, sys
-from lidario.network.bus import Bus
-
-async def main():
-    bus = await Bus.open(sys.argv[1])
-    bus.watch_readers(bus.sender("left", b""), print)
-    bus.subscribe("left", print)
-    bus.watch_tokens("left", print)
-    bus.respond("left", bytes)
-    return bus
-
-left = asyncio.run(main())
-sys.exit(3)
-"""
-
-
-@pytest.mark.long
-def test_a_program_ends_that_has_not_closed_its_bus(router: Router) -> None:
-    """A thread of zenoh's for each subscription kept it from ending."""
-    assert ended(LEFT, router.address).returncode == 3
 
 
 FORKED = (
