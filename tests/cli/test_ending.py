@@ -43,19 +43,13 @@ def test_a_signal_ends_an_endless_stream_as_it_is_meant_to_end(ended: tuple[str,
         until(lambda: was_stopped(server))
 
 
-def test_people_get_the_picture_after_ctrl_c_and_the_motor_is_commanded_to_rest_before_stop() -> None:
-    with served(FIRST) as server:
-        with started("scan", server.path, "-n", "0") as process:
-            for _ in range(3):
-                line_of(process.stdout)
-            rest, _ = end(process)
-        assert process.returncode == 0
-        assert "▲" in rest
-        until(lambda: was_stopped(server))
-        obeyed = [each for each in requests(server) if each.obeyed]
-        began = max(at for at, each in enumerate(obeyed) if "scan" in each.name)
-        motor = next(each for each in obeyed[began:] if each.name == "motor_speed_ctrl")
-        assert motor.data[3:5] == b"\0\0"  # behind start, command and size: the speed
+def test_people_get_the_picture_after_ctrl_c() -> None:
+    with served(FIRST) as server, started("scan", server.path, "-n", "0") as process:
+        for _ in range(3):
+            line_of(process.stdout)
+        rest, _ = end(process)
+    assert process.returncode == 0
+    assert "▲" in rest
 
 
 @pytest.mark.parametrize(
@@ -156,22 +150,3 @@ def test_keep_spinning_leaves_the_motor_on_and_the_laser_off() -> None:
         until(lambda: not server.device.scanning)
         with server.lock:
             assert server.device.motor_on
-
-
-@pytest.mark.exhaustive("verb", sample=["scan"], full=["scan", "info"])
-def test_a_busy_port(verb: str) -> None:
-    import fcntl
-
-    with served(FIRST) as server:
-        handle = os.open(server.path, os.O_RDWR | os.O_NOCTTY)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with started(verb, server.path) as process:
-                out, said = process.communicate(timeout=BOUND)
-        finally:
-            os.close(handle)
-        assert process.returncode == 4
-        assert out == ""
-        assert said.startswith(f"error: {server.path} is busy")
-        assert str(os.getpid()) in said
-        assert requests(server) == []

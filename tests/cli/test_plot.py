@@ -143,12 +143,6 @@ def test_an_empty_scan_is_said(tmp_path: Path) -> None:
     assert "no returns" in ended.stderr
 
 
-def test_a_folder_is_no_picture(tmp_path: Path) -> None:
-    (tmp_path / "x.svg").mkdir()
-    ended = invoke_driven("plot", S2, "-o", str(tmp_path / "x.svg"), "--force")
-    assert (ended.exit_code, "it is a directory" in ended.stderr) == (4, True)
-
-
 def test_a_missing_device_leaves_no_file(tmp_path: Path) -> None:
     invoke("plot", "/dev/nosuchport", "-o", str(tmp_path / "x.svg"), code=3)
     assert not list(tmp_path.iterdir())

@@ -1,6 +1,7 @@
 """``lidario sim``: a lidar for anybody's driver."""
 
 import json
+import re
 import signal
 import socket
 from types import SimpleNamespace
@@ -58,27 +59,25 @@ def test_one_process_serves_and_another_scans() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "request_bytes", "left"), [("ldrobot-ld06", b"", False), ("rplidar-s2", b"\xa5\x20", True)]
+    ("model", "requests", "left"),
+    [
+        ("ldrobot-ld06", [b""], []),
+        ("rplidar-s2", [b"\xa5\x20"], ["left it scanning"]),
+        ("rplidar-s2", [b"\xa5\x20", b"\xa5\x25"], ["left its motor on"]),
+        ("rplidar-s2", [b"\xa5\x20", b"\xa5\x25", b"\xa5\xa8\x02\x00\x00\x0f"], []),
+    ],
+    ids=["it only talks", "scanning", "stopped", "stopped with its motor"],
 )
-def test_only_a_client_can_have_left_it_scanning(
-    model: str, request_bytes: bytes, left: bool, capsys: pytest.CaptureFixture[str]
+def test_how_a_client_has_left_it_is_told(
+    model: str, requests: list[bytes], left: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     device = simulate(model)
-    device.receive(request_bytes, 1)
-    device.transmit(2)
-    assert device.scanning
+    for second, data in enumerate(requests):
+        device.receive(data, second * 10**9 + 1)
+        device.transmit(second * 10**9 + 2)
+    assert device.scanning is (len(requests) == 1)
     sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
-    assert ("left it scanning" in capsys.readouterr().err) is left
-
-
-def test_a_motor_that_goes_on_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    device, second = simulate("rplidar-s2"), 1_000_000_000
-    for number, requests in enumerate((b"\xa5\x20", b"\xa5\x25", b"\xa5\xa8\x02\x00\x00\x0f")):
-        device.receive(requests, number * second + 1)
-        device.transmit(number * second + 2)
-        if number:
-            sum_up(cast("PtyServer", SimpleNamespace(device=device, lost=0)), 1.0)
-            assert ("left its motor on" in capsys.readouterr().err) is (number == 1)
+    assert re.findall("left it.*", capsys.readouterr().err) == left
 
 
 @pytest.mark.long
