@@ -53,25 +53,6 @@ def without(packets: list[bytes], *lost: int) -> tuple[list[bytes], Arrival]:
     return [packets[number] for number in left], lambda place: on_time(left[place])
 
 
-@pytest.mark.parametrize("lost", [(30,), (30, 31, 32), (30, 35, 39), tuple(range(26, 46))])
-def test_lost_packets_are_counted_in_their_turn(lost: tuple[int, ...]) -> None:
-    stats = AssemblerStats()
-    scans = assemble(*without(numbered(24 * 5 + 1, 960), *lost), stats=stats)
-    assert [scan.lost_packets for scan in scans] == [len(lost), 0, 0, 0]
-    assert [len(scan) for scan in scans] == [960 - 40 * len(lost), 960, 960, 960]
-    assert (stats.lost_packets, stats.broken_scans) == (len(lost), 0)
-    for scan in scans:
-        # Numbers are angles here: sample n stands at n times 3/8 degrees.
-        expected = (scan.device_distances.astype(np.float64) - 1) * 0.375 % 360
-        np.testing.assert_allclose(scan.device_angles, expected, atol=1e-4)
-        # A turn lasts as long as it lasts, however little of it came; and begins when it began.
-        assert scan.duration_ns == pytest.approx(960 * SAMPLE_NS)
-        first = round(float(scan.device_distances[0])) - 1
-        assert abs(scan.stamp_ns - first * SAMPLE_NS) <= 1
-        # Of four packets of 24, too: it is like the speed of those before.
-        assert scan.rpm == pytest.approx(2000)
-
-
 @pytest.mark.parametrize("first", [0, 480, 720])
 @pytest.mark.parametrize(("before", "behind"), [(1, 0), (1, 1), (3, 12), (12, 3), (0, 2)])
 def test_a_gap_across_the_seam_is_told_by_both_revolutions(before: int, behind: int, first: int) -> None:

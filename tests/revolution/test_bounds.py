@@ -96,21 +96,6 @@ def test_it_is_what_the_slowest_revolution_can_hold_twice(case: Case) -> None:
     assert stream.most_bytes <= most < 2 << 20
 
 
-def test_what_is_left_when_it_is_given_up_midway_is_counted() -> None:
-    case = CASES[0]
-    stats = AssemblerStats()
-    assembler = Assembler(stream_of(case), stats=stats)
-    run = in_one_run(case.make_format(), case.raw, 10**9)
-    steps = assembler.ends(run)
-    for _ in range(3):
-        next(steps)
-    assembler.end()
-    steps.close()  # type: ignore[attr-defined]
-    assert stats.all_packets - stats.lost_packets == run.count
-    assert stats.unfinished_packets == 0
-    assert stats.discarded_packets > 0
-
-
 def test_few_of_many_packets_are_looked_at_in_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """However many come together, other tasks run between two steps."""
     case = next(case for case in CASES if case.make_format().longest == 5)

@@ -210,13 +210,6 @@ def stored(data: bytes, size: int) -> list[int]:
 
 
 @pytest.mark.parametrize("size", [1024, 65536])
-def test_stored_bytes_took_as_long_as_their_stamps_tell(size: int) -> None:
-    data, _ = made(6.0)
-    at_ns = stored(data[: 800 * 47] + data[1700 * 47 :], size)
-    assert at_ns[-1] == pytest.approx(6e9, abs=5 * MS)
-
-
-@pytest.mark.parametrize("size", [1024, 65536])
 def test_in_a_file_a_clock_that_began_anew_tells_of_no_outage(size: int) -> None:
     """As of a device that was restarted; to take it for one that went on would tell of 25 seconds."""
     at_ns = stored(made(4.0, begin_ms=5_000.0)[0] + made(2.0, begin_ms=300.0)[0], size)

@@ -85,14 +85,6 @@ def test_starting_a_plain_scan(force: bool) -> None:
     assert stream.format.response_type == 0x81
 
 
-def test_the_wanted_speed_is_asked_once() -> None:
-    device = identified()
-    answers = conf(Conf.DESIRED_ROTATION, struct.pack("<HH", 480, 0))
-    assert started(device, STANDARD, answers)[1].startswith("a5a802e001")
-    _, sent = drive(device.start(STANDARD), {})
-    assert [request.name for request in sent] == ["MOTOR_SPEED_CTRL", "SCAN"]
-
-
 def test_zero_microseconds_are_asked_for_in_the_older_way() -> None:
     mode = ScanMode(1, "DenseBoost", 0.0, 30.0, 0x85)
     rates = {b"\xa5\x59": struct.pack("<HH", 63, 31)}
