@@ -59,7 +59,6 @@ class Pauses:
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
         self._wire, self._stats = stream.format, stats
         self._samples_a_byte = self._wire.samples_in((Block(self._wire.longest, 1),)) / self._wire.longest
-        self._most_ns = stream.most_ns
         self._line: _Line | None = None  # without the packets that wait
         self._waiting: Packets | None = None
 
@@ -71,9 +70,9 @@ class Pauses:
             sample_ns: Time of a sample; 0 if unknown, and then none wait.
             turn_ns: Time of a revolution; 0 if unknown, and then none wait.
         """
-        run = event
+        run, least = event, LATE
         if self._waiting is not None:
-            run = joined([self._waiting, event])
+            run, least = joined([self._waiting, event]), NOISE
             self.left()
         line, self._line = self._line, _Line(run.arrivals[-1][1])
         if line is None or not (sample_ns and turn_ns):
@@ -83,15 +82,13 @@ class Pauses:
         arrivals, done, wait = [*run.arrivals], 0, None
         for read, (complete, at_ns) in enumerate(run.arrivals):
             before, silent_ns = line, at_ns - line.at_ns
-            if silent_ns > self._most_ns:
-                # After so long a silence the revolution is given up.
-                line, wait = _Line(at_ns), None
-            elif line.late_ns or silent_ns >= NOISE * turn_ns:
+            if line.late_ns or silent_ns >= NOISE * turn_ns:
                 line = _behind(line, at_ns, self._measured(run, done, complete) * sample_ns, turn_ns)
             else:
                 line = _Line(at_ns)
-            if line.late_ns >= LATE * turn_ns:
-                wait = wait or _Wait(read, done, before)
+            if line.late_ns >= least * turn_ns:
+                # What waits, waits until the line has caught up: the rotor may have become faster meanwhile.
+                wait, least = wait or _Wait(read, done, before), NOISE
             elif wait is not None:
                 self._date(arrivals, wait, read, run.blocks, sample_ns)
                 wait = None

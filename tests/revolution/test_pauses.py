@@ -14,9 +14,14 @@ from itertools import accumulate, pairwise
 import pytest
 
 from benchmarks.streams import KINDS, capture
+from lidario.revolution.clock import NOISE
+from lidario.revolution.pauses import Pauses
 from lidario.revolution.pipeline import Pipeline
+from lidario.revolution.stats import AssemblerStats
 from lidario.scan import Scan
+from lidario.wire.blocks import Block
 from lidario.wire.envelope import DESCRIPTOR_SIZE
+from lidario.wire.events import Packets
 
 SECONDS = 3.0
 POLL_S = 0.005
@@ -106,6 +111,42 @@ def test_pauses_cost_nothing(name: str, phase: float, pauses: list[tuple[float, 
         assert [len(scan) for scan in scans] == [len(scan) for scan in expected]
         off = max(abs(here.stamp_ns - there.stamp_ns) for here, there in zip(scans, expected, strict=True))
         assert off < 0.1e9 * turn_s
+
+
+def test_packets_wait_until_the_line_has_caught_up_for_the_rotor_may_have_become_faster() -> None:
+    """What is left of the delay may be much of a turn that is faster than the one before the pause."""
+    kind = KINDS["0x85 dense"]
+    raw, wire = capture(kind, 1.0)[DESCRIPTOR_SIZE:], kind.make_format()
+    packet_ns, size, slow_ns = 40 * 31_250, wire.shortest, 150e6
+    pauses, come = Pauses(kind.stream(), AssemblerStats()), 0
+    # All is read at once up to 0.1 s; then nothing for four such turns, and all of that in pieces of 0.06 s.
+    reads = [(at, at) for at in range(5, 100, 5)] + [(upto, 700) for upto in range(150, 700, 60)] + [(705, 705)]
+    for upto, at in reads:
+        packets = upto * 1_000_000 // packet_ns - come
+        event = Packets(
+            raw[come * size : (come + packets) * size], (Block(size, packets),), ((packets, at * 10**6),)
+        )
+        for number, at_ns in getattr(pauses.take(event, 31_250.0, slow_ns), "arrivals", ()):
+            assert at_ns - (come + packets) * packet_ns < NOISE * slow_ns or number < packets
+        come += packets
+    assert pauses.left() is None
+
+
+@pytest.mark.parametrize("pieces", [1, 12])
+def test_a_pause_in_which_a_revolution_would_be_given_up_costs_nothing(pieces: int) -> None:
+    """Its packets have come late, all at once or piece by piece."""
+    name, pause_s = "0x85 dense", 0.6
+    stream = replace(KINDS[name].stream(), slowest_turn_s=0.1)
+    reads = reads_of(1.2, *[(pause_s, pause_s / pieces)], *[(1e-5, pause_s / pieces)] * (pieces - 1))
+    raw, pipeline, begin = capture(KINDS[name], SECONDS), Pipeline(stream), DESCRIPTOR_SIZE
+    for upto, now in reads:
+        end = DESCRIPTOR_SIZE + round(upto * (len(raw) - DESCRIPTOR_SIZE) / SECONDS)
+        pipeline.receive(raw[begin:end], round(now * 1e9))
+        begin = end
+    stats = pipeline.stats
+    assert pause_s * 1e9 > stream.most_ns
+    assert (stats.missed_scans, stats.broken_scans, stats.lost_packets, stats.waiting_packets) == (0, 0, 0, 0)
+    assert stats.scans == len(clean(name))
 
 
 class Outage:
