@@ -178,9 +178,9 @@ def packet_time(wire: StreamFormat, packets: Packets, samples: Samples, sample_n
     """Time of a packet, and whether an ordinary one came: as in `Beginning`."""
     most = wire.samples_in((Block(wire.ordinary, 1),))
     longest = wire.samples_in((Block(max([size for size, _ in packets.blocks]), 1),))
-    if longest < most * _ORDINARY:
-        # Damage spares short packets, and these alone do not show the time of an ordinary one. The longest is
-        # taken: so never more packets are counted as lost than were sent.
+    if wire.first_seam is None and longest < most * _ORDINARY:
+        # Packets are short before a mark. Damage spares them, and these alone do not show the time of an ordinary
+        # one. The longest is taken: so never more packets are counted as lost than were sent.
         return most * sample_ns, False
     last = samples.last
     return (last.samples / last.packets if samples.certain else longest) * sample_ns, True

@@ -13,7 +13,8 @@ from tests.families.irobotix.about import CASES
 from tests.reference import irobotix
 from tests.support.case import Case
 from tests.support.cases import named
-from tests.support.streams import in_one_run
+from tests.support.kept import arrivals
+from tests.support.streams import assembled, in_one_run
 
 every_case = pytest.mark.parametrize("case", CASES, ids=named)
 
@@ -90,3 +91,16 @@ def test_a_frame_that_tells_its_last_angle() -> None:
     assert [each.angle_deg for each in irobotix.decode(frames)] == pytest.approx(
         samples.angle_deg.tolist(), abs=1e-4
     )
+
+
+@every_case
+def test_of_revolutions_of_which_nothing_came_all_frames_are_told(case: Case) -> None:
+    """A frame is as long as its speed makes it: of a Delta-2G, far shorter than the longest that is accepted."""
+    begins = [samples[0].packet for samples in case.turns]
+    gone = range(begins[2] + 4, begins[4] + 4)
+    left = [number for number in range(len(case.packets)) if number not in gone]
+    raw = b"".join([case.packets[number] for number in left])
+    found = assembled(case, raw, 64, arrivals(case, left))
+    assert found.stats.lost_packets == len(gone)
+    # Parts of two have met in the one in which the gap is.
+    assert found.stats.missed_scans == 3
