@@ -5,8 +5,10 @@ come late, but never early, and the delay may change at any moment. So the numbe
 half and in the second half of the known packets.
 """
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import itemgetter
 from statistics import median_low
 from typing import Final, NamedTuple, Self
 
@@ -158,6 +160,16 @@ class PacedTurning(Turning):
 
     def doubt_time(self) -> None:
         self._pace.doubt_last()
+
+    def _most_packets(self, packet: int, arrivals: Sequence[Arrival]) -> float:
+        """How many packets may have been measured from this one up to the one behind it, by time; 0 if unknown.
+
+        Bytes come late, but the packet was not there yet with the read before its own.
+        """
+        read, behind = (bisect_right(arrivals, at, key=itemgetter(0)) for at in (packet, packet + 1))
+        if not (read and self._packet_ns and self._time_passes) or behind == len(arrivals):
+            return 0.0
+        return (arrivals[behind][1] - arrivals[read - 1][1]) / self._packet_ns
 
     def _note_close(self, packets: int) -> None:
         """Count packets that are reported to follow each other."""

@@ -128,6 +128,11 @@ def by_revolution(spans: Ints, ends: Sequence[int]) -> list[tuple[int, int, int]
     )
 
 
+def are_alike(arc: float, shortest: int, longest: int) -> bool:
+    """Whether all spans of a revolution are like the arc before."""
+    return (1 - LIKENESS) * arc <= shortest and longest <= (1 + LIKENESS) * arc
+
+
 def largest_group(spans: Sequence[int]) -> tuple[float, int]:
     """Mean and size of the largest group of sorted spans that agree; of equal groups, of the shorter spans."""
     best = begin = place = 0

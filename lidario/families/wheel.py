@@ -44,6 +44,7 @@ from lidario.families.spans import (
     Arcs,
     Heads,
     Ints,
+    are_alike,
     by_revolution,
     largest_group,
     spans_between,
@@ -100,7 +101,7 @@ class Wheel(PacedTurning):
         followed = heads.following is not None
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         known = spans if followed else spans[:-1]
-        is_alike = self._certain and _are_alike(self._arc, shortest, longest)
+        is_alike = self._certain and are_alike(self._arc, shortest, longest)
         if is_alike or self._is_steady(known, longest):
             if not followed:
                 spans[-1] = spans[-2]
@@ -125,7 +126,7 @@ class Wheel(PacedTurning):
         spans, _, longest, _ = spans_between(heads, self._full_turn, self._retreat)
         before, begin, steps = self._arc, 0, list[float]()
         for end, (shortest, longest, total) in zip(ends, by_revolution(spans, ends), strict=True):
-            if not _are_alike(before, shortest, longest):
+            if not are_alike(before, shortest, longest):
                 return None
             before = float(spans[end - 1])
             steps.append(total / (end - begin) / self._samples)
@@ -159,7 +160,7 @@ class Wheel(PacedTurning):
         # Without times, packets that came in one piece have no skipped bytes between them.
         alone = not self._time_passes and len(arrivals) == 1
         was_certain = self._certain
-        walk = self._walk(plain, followed=followed) if was_certain else None
+        walk = self._walk(plain, arrivals, followed=followed, faster=False) if was_certain else None
         is_strange = walk is None or self._is_strange(walk, told, alone=alone)
         if walk is None or is_strange or not self._confirmed:
             self._arc, self._fastest = begin, fastest
@@ -167,7 +168,7 @@ class Wheel(PacedTurning):
             if self._arc <= 0:
                 return Arcs(np.maximum(spans, 0.0), None, 0.0, certain=False)
             begin = self._arc
-            walk = self._walk(plain, followed=followed)
+            walk = self._walk(plain, arrivals, followed=followed, faster=False)
         may_tell = self._confirmed and self._time_passes and any(walk.missing)
         # Compared with the arcs that were followed: since the first one the rotor may have sped up.
         if may_tell and self._pace.is_too_short(self._packet_ns, walk.mean):
@@ -178,7 +179,7 @@ class Wheel(PacedTurning):
             # The arc of the packet before was too short, so its samples are not used.
             self._learn(told, anew=True)
             revoked = 1, 0
-            walk = self._walk(plain, followed=followed, speeds_up=not self._are_even(told, self._arc))
+            walk = self._walk(plain, arrivals, followed=followed, faster=not self._are_even(told, self._arc))
         missing, self._fits = walk.missing, walk.fitting == walk.known
         behind = np.array(missing) * self._samples if any(missing) else None
         if behind is not None and 0 in told and not (was_certain and self._certain):
@@ -187,10 +188,10 @@ class Wheel(PacedTurning):
         step = (walk.mean or self._arc) / self._samples
         return Arcs(np.array(walk.arcs), behind, step, self._certain, revoked, self._fits)
 
-    def _walk(self, spans: Sequence[int], *, followed: bool, speeds_up: bool = False) -> _Walk:
+    def _walk(self, spans: Sequence[int], arrivals: Sequence[Arrival], *, followed: bool, faster: bool) -> _Walk:
         """Follow spans from the last arc on, and take over the arc of the last one.
 
-        If it `speeds_up`, a span before a longer one is a higher speed, and not a gap.
+        If it became `faster`, a span before a longer one is a higher speed, and not a gap.
         """
         arcs, missing = list[float](), list[int]()
         last, fastest = self._arc, self._fastest
@@ -204,18 +205,18 @@ class Wheel(PacedTurning):
             goes_on, fastest = abs(likely - span) <= LIKENESS * span / 2, max(fastest, last)
             slack = LIKENESS * fastest
             # A rotor that all but stood may be at speed at once.
-            times = span / (usual := fastest if goes_on and last <= slack else last)
+            times = span / (usual := fastest if goes_on and last <= slack < span - last else last)
             # A rotor does not turn back, so a turn may hide in a negative span.
             tells = span < -1 or 0 < times <= _TELLING
             # With a slow rotor, a span within the slack may be a gap: then the next span is like the arc before.
             alone = at < end and times > SEVERAL and abs(likely - last) < abs(likely - span)
             # The slack is a share of the longest arc, as in `_is_steady`.
-            faster = speeds_up and span < likely and not alone
-            whole = max(1, round(times)) if span - last > slack and last >= _LEAST and not faster else 1
+            speeds_up = faster and span < likely and not alone
+            whole = max(1, round(times)) if span - last > slack and last >= _LEAST and not speeds_up else 1
             off = abs(span - whole * usual) / fastest
             known += tells
             fitting += tells and off <= LIKENESS
-            anew = faster or (off > OFF and tells and (goes_on or 0 < likely < span < last))
+            anew = speeds_up or (off > OFF and tells and (goes_on or 0 < likely < span < last))
             if anew or whole == 1:
                 if anew or (off <= OFF and not alone):
                     last = float(span) or last
@@ -224,9 +225,12 @@ class Wheel(PacedTurning):
                 arcs.append(float(span) if stands else last)
                 missing.append(0)
                 continue
+            if (is_long := whole > TRUSTED_GAP + 1) and last <= slack:
+                # A rotor that all but stood may have been faster in so long a gap. Time tells how long it was.
+                whole = max(1, round(min(whole, self._most_packets(at, arrivals) or span / fastest)))
             mean = span / whole
             missing.append(whole - 1)
-            if whole > TRUSTED_GAP + 1 or off > OFF:
+            if is_long or off > OFF:
                 # A whole turn may hide in the gap: keep the last arc.
                 arcs.append(last)
                 # Take the arc of the spans behind it if they agree. Those of a rotor that stands (0) agree, too.
@@ -338,11 +342,6 @@ class Wheel(PacedTurning):
     def _take(self, arc: float, *, sure: bool) -> None:
         self._arc = self._fastest = arc
         self._certain, self._strange = sure, 0
-
-
-def _are_alike(arc: float, shortest: int, longest: int) -> bool:
-    """Whether all spans of a revolution are like the arc before."""
-    return (1 - LIKENESS) * arc <= shortest and longest <= (1 + LIKENESS) * arc
 
 
 def _agree(spans: Sequence[int]) -> bool:
