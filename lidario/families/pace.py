@@ -80,7 +80,7 @@ class Pace:
         is not known (`packet_ns` is 0).
         """
         found = list[float]()
-        for measured, turned, came in self._halves(packet_ns):
+        for measured, turned, came in self._halves(packet_ns, turning=True):
             arcs = turned / arc if arc else came
             if measured < _FEWEST or arcs <= 0:
                 return None
@@ -93,8 +93,14 @@ class Pace:
         return by_time is not None and max(by_time) < SEVERAL
 
     def is_too_short(self, packet_ns: float, arc: float) -> bool:
-        """Whether the device has measured hardly more packets than came, and fewer than such arcs passed."""
+        """Whether the device has measured hardly more packets than came, and fewer than such arcs passed.
+
+        In both halves of the time; or in all of it fewer than half of them: in one half, the rotor may have stood.
+        """
         halves = self._halves(packet_ns)
+        measured, turned, came = [sum(each) for each in zip(*halves, strict=True)] or (0.0, 0, 0)
+        if max(_FEWEST, (1 - OFF) * came) <= measured < SEVERAL * came and 2 * (measured + 1) < turned / arc:
+            return True
         for measured, turned, came in halves:
             # A read may end within a packet, so time may be off by one packet. The times of a few packets are
             # mostly computed, not measured (`Packets.cut`).
@@ -103,11 +109,14 @@ class Pace:
                 return False
         return bool(halves)
 
-    def _halves(self, packet_ns: float) -> list[tuple[float, int, int]]:
-        """In each half of the time: packets that were measured, how far the rotor turned, and packets that came."""
+    def _halves(self, packet_ns: float, *, turning: bool = False) -> list[tuple[float, int, int]]:
+        """In each half of the time: packets that were measured, how far the rotor turned, and packets that came.
+
+        Only while the rotor turned, if it is `turning`.
+        """
         if not packet_ns or len(self._points) < 3:
             return []
-        points = self._without_outages()
+        points = self._without_outages(turning=turning)
         begin, end = points[0], points[-1]
         middle = min(points, key=lambda point: abs(2 * point.at_ns - begin.at_ns - end.at_ns))
         return [
@@ -115,10 +124,11 @@ class Pace:
             for before, after in ((begin, middle), (middle, end))
         ]
 
-    def _without_outages(self) -> list[_Point]:
+    def _without_outages(self, *, turning: bool) -> list[_Point]:
         """The points without the steps in which angles and time disagree, by the usual time of a turn.
 
-        In such a step a whole turn hides, or noise that passes for a packet made the angle leap there and back.
+        In such a step a whole turn hides, or noise that passes for a packet made the angle leap there and back. If
+        it is `turning`, also without those in which the rotor stood.
         """
         steps = [
             _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
@@ -131,7 +141,8 @@ class Pace:
         points = [self._points[0]]
         for step in steps:
             last = points[-1]
-            if abs(step.at_ns - turn_ns * step.turned / self._full_turn) > turn_ns / 2:
+            off_ns = step.at_ns - turn_ns * step.turned / self._full_turn
+            if abs(off_ns) > turn_ns / 2 or (turning and not step.turned):
                 step = _Point(0, 0, 0)
             points.append(_Point(last.at_ns + step.at_ns, last.turned + step.turned, last.came + step.came))
         return points
@@ -172,7 +183,7 @@ class PacedTurning(Turning):
         return (arrivals[behind][1] - arrivals[read - 1][1]) / self._packet_ns
 
     def _note_close(self, packets: int) -> None:
-        """Count packets that are reported to follow each other."""
+        """Count packets that are reported to follow each other, while the rotor turned: else no speed tells it."""
         self._close = 0 if self._confirmed else self._close + packets
 
     def _revoked(self, times: float) -> tuple[int, int]:

@@ -94,7 +94,7 @@ class Wheel(PacedTurning):
             # A rotor slows down from packet to packet. If the arc leaps, the arcs before were gaps.
             arcs = arcs._replace(revoked=self._revoked(before / float(arcs.arc[0])))
         if arcs.skipped is None and self._fits:
-            self._note_close(len(arcs.arc) - (heads.following is None))
+            self._note_close(int(np.count_nonzero(arcs.arc)) - (heads.following is None))
         return arcs
 
     def _follow(self, heads: Heads, arrivals: Sequence[Arrival]) -> Arcs:
@@ -178,7 +178,8 @@ class Wheel(PacedTurning):
             self._pace.add(told, arrivals)
             # The arc of the packet before was too short, so its samples are not used.
             self._learn(told, anew=True)
-            revoked = 1, 0
+            # A rotor that slows down first was as fast as before.
+            self._arc, revoked = max(self._arc, begin), (1, 0)
             walk = self._walk(plain, arrivals, followed=followed, faster=not self._are_even(told, self._arc))
         missing, self._fits = walk.missing, walk.fitting == walk.known
         behind = np.array(missing) * self._samples if any(missing) else None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lidario.families.wheel import Wheel
-from tests.families.test_wheel import PACKET_NS, TURN, turning
+from tests.families.test_wheel import PACKET_NS, TURN, told, turning
 from tests.support.wheels import heads, lost, missing
 
 
@@ -33,3 +33,37 @@ def test_behind_one_that_all_but_stood_no_more_is_missing_than_there_was_time_fo
     found = wheel.follow(heads(*turning(*spans)), ends)
     assert missing(found)[behind] == pytest.approx(gone, abs=2)
     assert lost(found) == missing(found)[behind]
+
+
+def reads(packets: int) -> list[tuple[int, int]]:
+    """Arrivals of packets of which none is missing, some at a time."""
+    return [(end, end * PACKET_NS) for end in [*range(7, packets, 7), packets]]
+
+
+def test_one_packet_that_is_lost_while_a_rotor_starts_again_is_one() -> None:
+    """It stood for half of the time, and turned by no arc: only all of the time tells that these are not short."""
+    wheel = Wheel(TURN, 40)
+    wheel.tell_time(PACKET_NS / 40)
+    assert wheel.follow(heads(*turning(*[163] * 140)), reads(140)).certain
+    starts = range(4, 1260, 35)
+    spans = [111, 62, 13, *[0] * 22, *starts[:8], starts[8] + starts[9], *starts[10:]]
+    found = wheel.follow(heads(*turning(*spans)), reads(len(spans)))
+    assert [(at, each) for at, each in enumerate(missing(found)) if each] == [(33, 40)]
+
+
+def test_time_tells_of_a_rotor_that_stood_at_first_how_many_arcs_its_spans_are() -> None:
+    """While it stood, it turned by none, however long that was."""
+    seconds = np.arange(1500) * PACKET_NS * 1e-9
+    turns = 0.3 + np.cumsum(10 * -np.expm1(-np.maximum(seconds - 0.6, 0) / 0.3)) * PACKET_NS * 1e-9
+    gone = np.random.default_rng(1).random(len(turns)) < 0.22
+    for here, arcs in told(turns, np.flatnonzero(~gone).tolist()):
+        assert lost(arcs) <= np.count_nonzero(gone[here[0] : here[-1] + 2]) + 5
+
+
+def test_packets_in_which_it_stood_are_not_missing_once_a_speed_is_sure() -> None:
+    """They follow each other at any speed; the outage in which it began to turn is one gap."""
+    seconds = np.arange(1500) * PACKET_NS * 1e-9
+    turns = 0.3 + np.cumsum(np.where(seconds > 1.0, 10.0, 0.0)) * PACKET_NS * 1e-9
+    found = told(turns, [*range(450), *range(535, 1500)])
+    told_lost = sum(lost(arcs) + arcs.revoked[0] * arcs.revoked[1] for _, arcs in found)
+    assert told_lost <= 85

@@ -28,8 +28,8 @@ def points_of(calls: Sequence[Call]) -> list[Point]:
     return points[-64:]
 
 
-def halves(points: Sequence[Point], packet_ns: int) -> list[tuple[float, int, int]]:
-    """What was measured, turned and came in each half of the time."""
+def halves(points: Sequence[Point], packet_ns: int, *, stood: bool) -> list[tuple[float, int, int]]:
+    """What was measured, turned and came in each half of the time, with that in which it `stood` or without."""
     if len(points) < 3:
         return []
     steps = np.diff(np.array(points), axis=0)
@@ -39,6 +39,7 @@ def halves(points: Sequence[Point], packet_ns: int) -> list[tuple[float, int, in
         turn_ns = TURN * np.percentile(turning[:, 0] / turning[:, 1], 50, method="lower")
         # There a whole turn hides, or a leap that was none.
         steps[np.abs(steps[:, 0] - steps[:, 1] / TURN * turn_ns) > turn_ns / 2] = 0
+        steps[(steps[:, 1] == 0) & (not stood)] = 0
     points = [points[0], *(tuple(each) for each in (points[0] + np.cumsum(steps, axis=0)).tolist())]
     times = np.array([at_ns for at_ns, _, _ in points])
     middle = points[int(np.argmin(np.abs(times - (times[0] + times[-1]) / 2)))]
@@ -53,16 +54,20 @@ def halves(points: Sequence[Point], packet_ns: int) -> list[tuple[float, int, in
 
 def measured(points: Sequence[Point], packet_ns: int, arc: float) -> tuple[float, float] | None:
     """As `Pace.measured`."""
-    arcs = [(packets, turned / arc if arc else came) for packets, turned, came in halves(points, packet_ns)]
+    arcs = [
+        (packets, turned / arc if arc else came) for packets, turned, came in halves(points, packet_ns, stood=False)
+    ]
     found = [packets / each for packets, each in arcs if packets >= 8 and each > 0]
     return (found[0], found[1]) if len(found) == 2 else None
 
 
 def is_too_short(points: Sequence[Point], packet_ns: int, arc: float) -> bool:
     """As `Pace.is_too_short`."""
-    found = halves(points, packet_ns)
+    found = halves(points, packet_ns, stood=True)
     short = [4 <= packets < min(1.5 * came, 0.75 * turned / arc - 1) for packets, turned, came in found]
-    return len(found) == 2 and all(short)
+    packets, turned, came = np.sum(found, axis=0) if found else (0, 0, 0)
+    far = max(8, 0.75 * came) <= packets < min(1.5 * came, 0.5 * turned / arc - 1)
+    return len(found) == 2 and (far or all(short))
 
 
 def calls_of(random: np.random.Generator) -> list[Call]:
