@@ -62,15 +62,20 @@ async def test_nothing_is_held_for_longer_than_half_a_second(terminal: tuple[int
 
 
 async def test_the_loop_sleeps_while_the_thread_reads(terminal: tuple[int, str]) -> None:
+    """In the second stream of a session, too."""
     master, path = terminal
-    plan = Plan(*[0.9] * 10, hold=math.inf, buffer_s=0.02)
-    async with held_port(path, plan) as (_, sink, _):
-        for count in range(1, 11):
-            os.write(master, b"x")
-            await until_read(count)
-        # It would have polled fifteen times.
-        assert plan.rests
-        assert not sink.chunks
+    plans = [Plan(*[0.9] * 10, hold=math.inf, buffer_s=0.02) for _ in range(2)]
+    async with held_port(path, plans[0]) as (port, sink, _):
+        for number, plan in enumerate(plans):
+            port.set_polling(plan)
+            for count in range(1, 11):
+                os.write(master, b"x")
+                await until_read(count)
+            # It would have polled fifteen times.
+            assert plan.rests
+            assert len(sink.chunks) == number
+            port.set_polling(None)
+            await sink.until(10 * number + 10)
 
 
 async def test_where_no_thread_can_be_started_the_loop_reads_before_the_buffer_is_full(

@@ -311,6 +311,27 @@ async def test_who_reads_again_gets_it_from_its_beginning(live: Live) -> None:
             assert stamps[:10] == [scan.stamp_ns for scan in live.scans]
 
 
+@driven
+async def test_one_that_leaves_where_readers_say_when_to_go_on_holds_up_nobody(live: Live) -> None:
+    """What it has not taken was waited for."""
+    stamps: list[int] = []
+
+    async def read(stream: lidario.ScanStream) -> None:
+        async for scan in stream:
+            stamps.append(scan.stamp_ns)
+
+    async with lidario.open_lidar(f"{live.path}?rate=0") as lidar, lidar.scans() as goes_on:
+        async with lidar.scans() as leaves:
+            reading = asyncio.create_task(read(goes_on))
+            await anext(leaves)
+            await asyncio.sleep(1.0)
+            assert not reading.done()
+            assert len(stamps) < 10
+        async with asyncio.timeout(1.0):
+            await reading
+    assert stamps[:10] == [scan.stamp_ns for scan in live.scans]
+
+
 @pytest.mark.long
 def test_a_replay_can_be_recorded(live: Live, tmp_path: Path) -> None:
     async def main() -> None:
