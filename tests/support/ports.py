@@ -97,17 +97,21 @@ class Sink:
         self.more.set()
 
     async def until(self, size: int) -> None:
-        """Return when that many bytes have come, or the port was lost."""
+        """Return when that many bytes have come; the port must not be lost before."""
+        await self._until(size)
+        assert len(self.data) >= size, self.lost
+
+    async def until_lost(self) -> DeviceLost | None:
+        """Return what the port told when it was lost."""
+        await self._until(1 << 60)
+        (error,) = self.lost
+        return error
+
+    async def _until(self, size: int) -> None:
         async with asyncio.timeout(PATIENCE_S):
             while len(self.data) < size and not self.lost:
                 self.more.clear()
                 await self.more.wait()
-
-    async def until_lost(self) -> DeviceLost | None:
-        """Return what the port told when it was lost."""
-        await self.until(1 << 60)
-        (error,) = self.lost
-        return error
 
 
 class Plan:
