@@ -6,8 +6,10 @@ closed. A child that only computes has a copy of each, and would hold the line f
 
 import os
 from contextlib import suppress
-from typing import Protocol
+from typing import Final, Protocol
 from weakref import WeakSet
+
+FORKED: Final = "the lidar was opened before a fork: only the parent process can use it"
 
 
 class Inherited(Protocol):

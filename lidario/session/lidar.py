@@ -19,6 +19,7 @@ from lidario.errors import LocalProtocolError, SessionClosed
 from lidario.laserscans import LaserScans
 from lidario.model import Health, ScanMode, Stats
 from lidario.port.at_exit import finalize
+from lidario.port.forked import FORKED
 from lidario.port.line import Tap
 from lidario.recording.parts import Split
 from lidario.recording.record import Recording
@@ -254,6 +255,8 @@ class Lidar(Streams, AsyncOnly, Held):
             LocalProtocolError: It was called in another event loop, such as one of another thread. The session goes
                 on: close it in its own loop.
         """
+        if self._scanner.is_forked:
+            return
         self._check_loop()
         text = f"the session on {self.source} was closed; open_lidar() makes a new one"
         self._scanner.failures.end(SessionClosed(text))
@@ -306,6 +309,8 @@ class Lidar(Streams, AsyncOnly, Held):
         self._check_loop()
 
     def _check_loop(self) -> None:
+        if self._scanner.is_forked:
+            raise LocalProtocolError(FORKED)
         try:
             running = asyncio.get_running_loop()
         except RuntimeError:

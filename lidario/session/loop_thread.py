@@ -20,6 +20,7 @@ import anyio
 from lidario.errors import ConnectFailed, LocalProtocolError, SessionClosed
 from lidario.latch import Latch, start_apart
 from lidario.port.at_exit import call_at_exit
+from lidario.port.forked import FORKED
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar
 from lidario.system import NO_THREADS, cause_of
@@ -122,7 +123,7 @@ class LoopThread:
     def call(self, function: Callable[P, Coroutine[Any, Any, T]], *args: P.args, **kwargs: P.kwargs) -> T:
         """Run a coroutine in the loop and return its result; what ends the wait early cancels the coroutine."""
         if not self.belongs_here:
-            raise LocalProtocolError("the lidar was opened before a fork: only the parent process can use it")
+            raise LocalProtocolError(FORKED)
         if threading.get_ident() == self._thread.ident:
             raise LocalProtocolError("a tap is called by the lidar's own thread, which cannot wait for itself")
         call = _Call(lambda: function(*args, **kwargs))

@@ -202,6 +202,11 @@ class Scanner:
 
     # ------------------------------------------------------------------------------------------------ the session
 
+    @property
+    def is_forked(self) -> bool:
+        """Whether this is a forked child: the device belongs to its parent."""
+        return self._at.dialogue.port.is_forked
+
     def abandon(self) -> None:
         """Nobody holds the session any more: let go of every timer. The device is not told."""
         self.hub.abandon()

@@ -22,6 +22,7 @@ from lidario.arguments import shown, whole, yes_or_no
 from lidario.entered import AsyncOnly, Held
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
 from lidario.measured import changed
+from lidario.port.forked import FORKED
 from lidario.scan import Scan
 from lidario.sector import Sector
 from lidario.session.talking.trouble import twin_of
@@ -154,8 +155,14 @@ class Mailbox(Generic[T]):
 
 
 def check_loop(loop: asyncio.AbstractEventLoop, what: str = "the stream was begun") -> None:
-    """Raise LocalProtocolError where another event loop runs than this one, RuntimeError where none does."""
-    if asyncio.get_running_loop() is not loop:
+    """Raise LocalProtocolError where another event loop runs than this one, or none, as in a forked child."""
+    try:
+        running = asyncio.get_running_loop()
+    except RuntimeError:
+        raise LocalProtocolError(
+            f"{what} in an event loop, and none runs here: none goes on in a forked child"
+        ) from None
+    if running is not loop:
         raise LocalProtocolError(f"{what} in another event loop, and what it reads comes only there")
 
 
@@ -208,6 +215,8 @@ class ReaderStream(AsyncOnly, Held, Generic[T]):
 
     def _begin(self) -> None:
         """Have scans come, unless they do already."""
+        if self._source.is_forked:
+            raise LocalProtocolError(FORKED)
         if self._loop is None:
             self._check_open()
             self._source.join(self._mailbox, self._mode, self._force)
@@ -247,11 +256,12 @@ class ReaderStream(AsyncOnly, Held, Generic[T]):
 
     def _leave(self) -> bool:
         if self._loop is not None and not self._loop.is_closed():
-            # Where none runs, a coroutine is being collected.
+            # Where none runs, a coroutine is being collected, or this is a forked child.
             with suppress(RuntimeError):
+                asyncio.get_running_loop()
                 check_loop(self._loop)
         left, self._left = self._left, True
-        return self._loop is not None and not left
+        return self._loop is not None and not left and not self._source.is_forked
 
 
 class ScanStream(ReaderStream[Scan]):
