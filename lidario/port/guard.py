@@ -74,6 +74,11 @@ def check_guard() -> None:
             "guard: this program brings its own interpreter, which cannot be started a second time. Open the lidar "
             "without guard, or run the program by python"
         )
+    if not os.path.exists(_SCRIPT):
+        raise Unsupported(
+            f"guard: lidario lies in an archive, and python cannot start {_SCRIPT}. Install it as files, or open "
+            "the lidar without guard"
+        )
 
 
 async def start_guard(port: str) -> Guard:
@@ -108,8 +113,9 @@ class Guard:
         try:
             self._channel, self._pid = _started(port)
         except (OSError, ValueError) as error:
+            why = "it ended at once" if isinstance(error, ValueError) else error
             raise Unsupported(
-                f"guard: {sys.executable} could not start its process ({error}). Open the lidar without guard"
+                f"guard: {sys.executable} could not start its process ({why}). Open the lidar without guard"
             ) from error
         # Where this process is the one that orphans are given to, as the first one of a container is.
         self._is_ours = _reap(self._pid, os.WNOHANG)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from lidario import InvalidValue, Unsupported, open_lidar, simulate
-from lidario.port import guard_process
+from lidario.port import guard, guard_process
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, holders
 from lidario.port.guard import Guard, start_guard, wait_for_guard
@@ -132,14 +132,17 @@ async def test_where_the_system_cannot_it_is_said(monkeypatch: pytest.MonkeyPatc
             (sys, "executable", ""),
             (sys, "executable", "/bin/false"),
             (sys, "executable", "/no/such/file"),
+            (guard, "_SCRIPT", "/usr/lib/lidario.zip/lidario/port/guard_process.py"),
         ):
             with monkeypatch.context() as patch:
                 if value is None:
                     patch.delattr(owner, name)
                 else:
                     patch.setattr(owner, name, value, raising=False)
-                with pytest.raises(Unsupported, match=r"guard: .*[Oo]pen the lidar without"):
+                with pytest.raises(Unsupported, match=r"guard: .*[Oo]pen the lidar without") as refused:
                     await open_lidar(server.path, guard=True)
+            # Where the process has ended at once, it told what `int` said of no text.
+            assert "literal" not in str(refused.value)
         # It is only asked what it is, to be left still.
         assert {each.name for each in requests(server)} <= {"get_info", "motor_speed_ctrl", "stop"}
         assert own_guards() == []
