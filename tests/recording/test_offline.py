@@ -231,8 +231,6 @@ def test_what_goes_in_and_comes_out_can_be_pickled() -> None:
     function, arguments = pickle.loads(pickle.dumps((lidario.decode_arrays, (whole(KINDS[5]),))))
     arrays = pickle.loads(pickle.dumps(function(*arguments)))
     np.testing.assert_array_equal(arrays.starts, lidario.decode_arrays(whole(KINDS[5])).starts)
-    scan = next(lidario.decode(whole(KINDS[5])))
-    assert len(pickle.loads(pickle.dumps(scan))) == len(scan)
 
 
 @pytest.mark.long

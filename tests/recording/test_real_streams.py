@@ -76,21 +76,6 @@ def test_its_samples_are_the_vendors(path: Path) -> None:
     assert np.abs(off).max() <= golden.GRID_Q6
 
 
-@pytest.mark.long
-@streams
-@pytest.mark.parametrize("size", [1, 64])
-def test_pieces_change_nothing(path: Path, size: int) -> None:
-    raw = raw_of(path)[:15_000]
-    whole = list(lidario.decode(raw))
-    assert len(whole) >= 3
-    decoder = OfflineDecoder(raw)
-    pieces = list(decoder.scans_of(raw[at : at + size] for at in range(decoder.begin, len(raw), size)))
-    assert points(pieces) == points(whole)
-    assert [(scan.seq, len(scan), scan.lost_packets) for scan in pieces] == [
-        (scan.seq, len(scan), scan.lost_packets) for scan in whole
-    ]
-
-
 @streams
 @pytest.mark.parametrize("gone", [(5, 17), (3, 4), range(50, 10_000, 100)], ids=["two", "neighbours", "1 %"])
 def test_no_sample_moves_where_packets_are_missing(path: Path, gone: Iterable[int]) -> None:
