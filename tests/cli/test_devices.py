@@ -47,14 +47,6 @@ def test_a_list_for_programs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert first.keys() == second.keys() == third.keys()
 
 
-@pytest.mark.parametrize("as_json", [True, False])
-def test_exit_code_3_when_no_lidar_answers(monkeypatch: pytest.MonkeyPatch, as_json: bool) -> None:
-    found(monkeypatch, SILENT)
-    assert invoke("devices", *["--json"] * as_json).exit_code == 3
-    found(monkeypatch)
-    assert invoke("devices", *["--json"] * as_json).exit_code == 3
-
-
 @pytest.mark.parametrize(
     ("reason", "code"), [("missing", 3), ("permission", 4), ("busy", 4), ("silent", 5), ("refused", 3)]
 )

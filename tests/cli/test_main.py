@@ -83,6 +83,25 @@ def test_a_missing_extra_is_one_sentence_that_names_the_cure(
     assert "pip install click rich websockets mcap" in err
 
 
+@pytest.mark.parametrize(
+    ("missing", "words", "package"),
+    [
+        ("websockets", f"view {S2}", "websockets"),
+        ("matplotlib", f"plot {S2} -o x.png", "matplotlib"),
+        ("zenoh", f"publish {S2} --ros", "eclipse-zenoh"),
+        ("zenoh", "devices --zenoh", "eclipse-zenoh"),
+        ("zenoh", "info zenoh:a", "eclipse-zenoh"),
+    ],
+)
+def test_what_a_verb_needs_and_is_missing_is_one_sentence_too(
+    missing: str, words: str, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    said = invoke(*words.split(), code=2).stderr
+    cure = f"pip install {package}(, or write an .svg)?"
+    assert re.fullmatch(f"error: .* needs {package}, which is not installed: {cure}\n", said)
+
+
 def test_help_names_every_verb() -> None:
     told = invoke("--help", code=0)
     verbs = "devices info scan view watch plot stats publish router doctor report udev motor sim completion"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -119,8 +118,6 @@ def test_a_name_that_is_only_its_ending_tells_the_kind_too(tmp_path: Path, monke
     monkeypatch.chdir(tmp_path)
     assert invoke_driven("plot", S2, "-o", ".svg").exit_code == 0
     assert (tmp_path / ".svg").read_text().startswith("<svg")
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert "pip install matplotlib" in invoke_driven("plot", S2, "-o", ".png", code=2).stderr
 
 
 def test_a_title_tells_nothing_that_is_not_known(tmp_path: Path) -> None:

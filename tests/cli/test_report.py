@@ -28,7 +28,7 @@ def path(tmp_path: Path) -> Path:
 
 
 @pytest.mark.long
-def test_a_report_is_a_page_and_a_file(path: Path) -> None:
+def test_a_report_is_a_page_and_a_file_that_is_checked(path: Path) -> None:
     result = invoke_driven("report", LD19, "-o", str(path), code=0)
     assert result.stderr.startswith("The report will hold every byte")
     assert "The serial number is hashed" in result.stderr
@@ -45,13 +45,6 @@ def test_a_report_is_a_page_and_a_file(path: Path) -> None:
     counts = {outcome: len(report.with_outcome(outcome)) for outcome in Outcome}
     assert lines[-1].strip() == ", ".join(f"{count} {outcome.value}" for outcome, count in counts.items())
     assert sum(counts.values()) == len(RULES)
-    # Every other command reads it.
-    assert invoke("info", str(path)).exit_code == 0
-
-
-@pytest.mark.long
-def test_a_report_is_checked(path: Path) -> None:
-    assert invoke_driven("report", LD19, "-o", str(path)).exit_code == 0
     result = invoke_driven("report", "--check", str(path), code=0)
     assert "new      nothing: all of it is known" in result.stdout
     assert "note: it is of a simulated device" in result.stderr
@@ -59,6 +52,8 @@ def test_a_report_is_checked(path: Path) -> None:
     assert page["info"]["model"] == "LDROBOT LD06, LD19 or alike"
     assert [each["rule"] for each in page["tried"]] == [rule.name for rule in RULES]
     assert page["facts"]["line"] == "simulated, 230400 baud"
+    # Every other command reads it.
+    assert invoke("info", str(path)).exit_code == 0
 
 
 @pytest.mark.long

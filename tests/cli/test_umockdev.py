@@ -74,26 +74,18 @@ def told(folder: Path, devices: str, *arguments: str) -> str:
 
 
 @pytest.mark.long
-def test_the_rules_for_an_adapter_with_a_timer_and_a_number_of_its_own(tmp_path: Path) -> None:
-    rules = told(tmp_path, FTDI, "udev", "--name", "front").splitlines()[1:]
-    its = '{idVendor}=="0403", ATTR{idProduct}=="6001", ATTR{serial}=="AH06W0EQ", '
-    above = its.replace("ATTR{", "ATTRS{")
-    quiet = 'ATTR{power/control}="on", ENV{ID_MM_DEVICE_IGNORE}="1", ENV{SYSTEMD_WANTS}=""'
-    access = 'SYMLINK+="front", GROUP="dialout", MODE="0660", ENV{ID_MM_PORT_IGNORE}="1"'
-    assert rules == [
-        f'SUBSYSTEM=="usb", ATTR{its}{quiet}',
-        f'SUBSYSTEM=="usb-serial", ATTRS{above}ATTR{{latency_timer}}="1"',
-        f'SUBSYSTEM=="tty", ATTRS{above}{access}',
-    ]
-
-
-@pytest.mark.long
-def test_the_rules_for_one_of_two_with_neither(tmp_path: Path) -> None:
-    rules = told(tmp_path, f"{FTDI}\n{CP2102}", "udev", "/dev/ttyUSB1")
-    assert "latency_timer" not in rules
-    assert "AH06W0EQ" not in rules
-    assert rules.count('KERNEL=="1-4.1"') == 1
-    assert rules.count('KERNELS=="1-4.1"') == 1
+@pytest.mark.parametrize(
+    ("port", "match", "has_timer"),
+    [("/dev/ttyUSB0", 'ATTR{}{{serial}}=="AH06W0EQ"', True), ("/dev/ttyUSB1", 'KERNEL{}=="1-4.1"', False)],
+    ids=["by its number", "by its place"],
+)
+def test_the_rules_for_one_of_two(tmp_path: Path, port: str, match: str, has_timer: bool) -> None:
+    rules = told(tmp_path, f"{FTDI}\n{CP2102}", "udev", port)
+    assert rules.count(match.format("")) == 1
+    # Of the adapter that is above the port, and above its timer.
+    assert rules.count(match.format("S")) == 1 + has_timer
+    assert rules.count("latency_timer") == has_timer
+    assert ("AH06W0EQ" in rules) is has_timer
 
 
 @pytest.mark.long

@@ -3,7 +3,6 @@
 import re
 import signal
 import socket
-import sys
 from urllib.request import urlopen
 
 import pytest
@@ -66,9 +65,3 @@ def test_a_port_that_is_not_there(sources: list[str]) -> None:
     ended = invoke_driven("view", "--port", "0", *sources)
     assert (ended.exit_code, ended.stdout) == (3, "")
     assert ended.stderr.startswith("error: ")
-
-
-def test_without_websockets_it_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "websockets", None)
-    ended = invoke("view", MEMORY, code=2)
-    assert "pip install websockets" in ended.stderr

@@ -14,7 +14,7 @@ import lidario
 from lidario.errors import ConnectFailed, LocalProtocolError
 from lidario.network.bus import Bus
 from lidario.ros import Share
-from tests.cli.processes import invoke, served, started
+from tests.cli.processes import invoke, served
 from tests.support import children
 from tests.support.children import BOUND, line_of
 from tests.support.children import until as soon
@@ -113,6 +113,13 @@ async def test_what_is_not_declared_leaves_no_connection(absent: Router, monkeyp
         assert len(closed) == 1
 
 
+@pytest.mark.parametrize("words", ["devices --zenoh --router {}", "info zenoh:a?router={}"])
+def test_no_router_is_told_with_its_cure(words: str) -> None:
+    address = "tcp/127.0.0.1:1"
+    done = invoke(*words.format(address).split(), code=3)
+    assert done.stderr.startswith(f"error: no zenoh router responds at {address}. Start one: lidario router")
+
+
 def test_the_command_ends_where_the_host_is_unknown() -> None:
     done = invoke("publish", SIM, "--ros", "--router", UNKNOWN, code=3)
     assert done.stderr.startswith("error: ")
@@ -120,34 +127,23 @@ def test_the_command_ends_where_the_host_is_unknown() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("closed", "words"), [("stdout", "publishing"), ("stderr", "")])
-def test_publishing_goes_on_where_nobody_reads_what_is_said(absent: Router, closed: str, words: str) -> None:
-    """A pipe whose reader is gone, as of a start script; a log on a full disk."""
+@pytest.mark.parametrize("unread", ["", "stdout", "stderr"])
+def test_ctrl_c_while_it_waits_leaves_laser_and_motor_off(absent: Router, unread: str) -> None:
+    """Also where nobody reads what is said: on a pipe without a reader, as of a script, and on a full disk."""
     reader, writer = os.pipe()
     os.close(reader)
     with served("rplidar-s2") as server, open("/dev/full", "wb", buffering=0) as full:
-        command = ("-m", "lidario", "publish", server.path, "--zenoh", "late/deaf", "--router", absent.address)
-        streams: dict[str, Any] = {closed: writer if closed == "stdout" else full}
+        command = ("-m", "lidario", "publish", server.path, "--zenoh", "late/scan", "--router", absent.address)
+        streams: dict[str, Any] = {unread: writer if unread == "stdout" else full} if unread else {}
         with children.started(*command, **streams) as process:
             os.close(writer)
+            assert unread == "stdout" or line_of(process.stdout) == "late/scan\n"
             soon(lambda: server.device.scanning)
             process.send_signal(signal.SIGINT)
             _, said = process.communicate(timeout=BOUND)
             assert process.returncode == 0
-            assert words in (said or "")
-        soon(lambda: not server.device.scanning)
-
-
-@pytest.mark.long
-def test_ctrl_c_while_it_waits_leaves_laser_and_motor_off(absent: Router) -> None:
-    with served("rplidar-s2") as server:
-        with started("publish", server.path, "--zenoh", "late/scan", "--router", absent.address) as process:
-            assert line_of(process.stdout) == "late/scan\n"
-            soon(lambda: server.device.scanning)
-            process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=BOUND)
-            assert process.returncode == 0
-            assert said.startswith(f"no zenoh router responds at {absent.address}. Start one")
-            assert "\nScans are not sent until it is there.\npublishing RPLIDAR" in said
-            assert re.search(r"\n0 scans published(; \d+ not sent, because there was no router)?\n$", said)
+            if unread != "stderr":
+                assert said.startswith(f"no zenoh router responds at {absent.address}. Start one")
+                assert "\nScans are not sent until it is there.\npublishing RPLIDAR" in said
+                assert re.search(r"\n0 scans published(; \d+ not sent, because there was no router)?\n$", said)
         soon(lambda: not server.device.scanning and not server.device.motor_on)
