@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Iterator
 
 import anyio
 import pytest
@@ -48,21 +47,13 @@ def test_an_address_that_may_be_right(router: str) -> None:
     check_router(router)
 
 
-@pytest.fixture
-def listening() -> Iterator[int]:
-    """A port at which something listens that is not a router."""
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        server.listen()
-        yield server.getsockname()[1]
-
-
 @pytest.mark.parametrize(
     ("protocol", "words"),
     [("tcp", "although somebody listens there. Is the port right"), ("tls", "the TLS connection failed")],
 )
-def test_somebody_else_listens(listening: int, protocol: str, words: str) -> None:
-    error = why_no_router(f"{protocol}/127.0.0.1:{listening}")
+def test_somebody_else_listens(protocol: str, words: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        error = why_no_router(f"{protocol}/127.0.0.1:{server.getsockname()[1]}")
     assert error.reason == "refused"
     assert words in str(error)
 

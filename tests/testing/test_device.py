@@ -15,7 +15,7 @@ import pytest
 
 import lidario
 from lidario.families.registry import FAMILIES
-from lidario.testing import Body, SimulatedLidar, make_scan, make_sector, room
+from lidario.testing import Body, Drive, SimulatedLidar, make_scan, make_sector, room
 from lidario.testing.clock import clock_of
 from lidario.testing.surroundings import Surroundings
 
@@ -218,6 +218,13 @@ async def test_it_comes_back() -> None:
         (lambda: Body([(0, 1)], 0.2), "path"),  # type: ignore[list-item]
         (lambda: Body([(1, 0, 0), (0, 0, 0)], 0.2), "goes back"),
         (lambda: Body([(0, 1, 1)], 0.0), "radius"),
+        (lambda: Drive([], room()), "a drive is"),
+        (lambda: Drive([(0, 1, 2)], room()), "a drive is"),  # type: ignore[list-item]
+        (lambda: Drive([(0, 0, 0, math.nan)], room()), "a drive is"),
+        (lambda: Drive("abc", room()), "a drive is"),  # type: ignore[arg-type]
+        (lambda: Drive([(1, 0, 0, 0), (0, 0, 0, 0)], room()), "goes forward in time"),
+        (lambda: Drive([(0, 0, 0, 0)], [((0, 0), (1, math.inf))]), "ends of walls are finite"),
+        (lambda: Drive([(0, 0, 0, 0)], 3), "walls are"),  # type: ignore[arg-type]
         (lambda: make_sector([0.0, 0.5], 1.0, degrees=50), "multiple"),
         (lambda: make_sector([0.0, 0.5], 1.0, degrees=4), "at least 5"),
         (lambda: make_sector([0.0, 0.5], 1.0, index=8), "0 to 7"),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import lidario
-from lidario import InvalidValue
 from lidario.testing import Drive, SimulatedLidar, room
 
 WALLS = room(4.0, 6.0)
@@ -58,20 +57,3 @@ async def test_a_scan_on_the_way_is_bent_and_its_motion_makes_it_straight() -> N
     assert off.max() < 0.02
     still = scan.points().xy @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
     assert np.minimum(abs(abs(still[:, 0]) - 3.0), abs(abs(still[:, 1]) - 2.0)).max() > 0.05
-
-
-@pytest.mark.parametrize(
-    ("path", "walls", "words"),
-    [
-        ([], WALLS, "a drive is"),
-        ([(0, 1, 2)], WALLS, "a drive is"),
-        ([(1, 0, 0, 0), (0, 0, 0, 0)], WALLS, "goes forward in time"),
-        ([(0, 0, 0, math.nan)], WALLS, "a drive is"),
-        ("abc", WALLS, "a drive is"),
-        ([(0, 0, 0, 0)], [((0, 0), (1, math.inf))], "ends of walls are finite"),
-        ([(0, 0, 0, 0)], 3, "walls are"),
-    ],
-)
-def test_what_cannot_be(path: object, walls: object, words: str) -> None:
-    with pytest.raises(InvalidValue, match=words):
-        Drive(path, walls)  # type: ignore[arg-type]
