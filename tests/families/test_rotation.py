@@ -8,7 +8,7 @@ import pytest
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.simulated import packers
 from lidario.families.wheel import Wheel
-from tests.support.cases import CASES, KINDS, Case, named
+from tests.support.cases import CASES
 from tests.support.streams import in_one_run
 from tests.support.wheels import heads
 from tests.support.wheels import lost as lost_in
@@ -66,15 +66,3 @@ def test_one_packet_alone_tells_no_speed(kind: int) -> None:
     # But for 0x83, whose packets tell the angle of each sample.
     assert samples.certain == (kind == 0x83)
     assert samples.certain or (samples.last.samples, samples.last.packets) == (0, 0)
-
-
-@pytest.mark.parametrize("case", [case for case in KINDS if case.response_type != 0x81], ids=named)
-def test_how_many_packets_a_revolution_has(case: Case) -> None:
-    """As the decoders tell it, also when one packet in three is lost."""
-    begin, end = case.turns[0][0].packet, case.turns[1][0].packet
-    for left in (range(begin, end), [n for n in range(begin, end) if n % 3]):
-        raw = b"".join(case.packets[n] for n in left)
-        samples = case.make_decoder().decode(in_one_run(case.make_format(), raw), case.packets[end])
-        assert samples.certain
-        assert samples.last.packets == pytest.approx(end - begin, abs=1.1)
-        assert samples.last.samples == pytest.approx(len(case.turns[0]), rel=0.02)

@@ -1,4 +1,4 @@
-"""The rate of a stream; packets of an LDS08RR; where a lens puts what nobody sees."""
+"""The rate of a stream, and packets of an LDS08RR."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from lidario.families.camsense.decode import PacketDecoder
 from lidario.families.camsense.formats import LongFormat, PacketFormat
 from lidario.families.camsense.simulated import pack_packet
 from tests.families.camsense.about import CASES
-from tests.reference import camsense
 from tests.support.streams import in_one_run
 
 
@@ -17,19 +16,6 @@ def test_the_rate_is_told_to_half_a_percent() -> None:
         packets = b"".join(CASES[0].packets[at : at + 24])
         assert PacketFormat.samples_a_second(packets) == pytest.approx(2080, rel=0.006)
         assert PacketFormat.sample_us(packets) == pytest.approx(1e6 / PacketFormat.samples_a_second(packets))
-
-
-@pytest.mark.parametrize(
-    ("stated", "angle", "distance"),
-    [(0, 11.0, 0.0), (100, 22.3099, 101.98039), (1000, 12.1458, 1000.19998), (16_000, 11.0716, 16_000.0125)],
-)
-def test_returns_lie_where_the_vendors_sdk_has_them(stated: int, angle: float, distance: float) -> None:
-    packet = pack_packet(0xA000, 0xA000 + 448, [stated] * 8, [50] * 8)
-    samples = PacketDecoder(PacketFormat).decode(in_one_run(PacketFormat(), packet), None)
-    assert samples.angle_deg[0] == pytest.approx(angle, abs=2e-4)
-    assert samples.angle_deg[7] == pytest.approx(angle + 7, abs=2e-4)
-    assert samples.distance_mm[0] == pytest.approx(distance, abs=1e-3)
-    assert camsense.compensated(0.0, stated) == pytest.approx((angle, distance), abs=1e-3)
 
 
 def test_packets_of_twelve_samples() -> None:

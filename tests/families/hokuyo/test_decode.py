@@ -91,15 +91,6 @@ def test_what_is_missing_between_two_scans_is_told_by_the_clock_of_the_device() 
     assert [scan.seq for scan in joined] == [0, 1, 2, 5, 6, 7]
 
 
-def test_it_does_not_matter_how_many_reads_are_looked_at_together() -> None:
-    """A recording is decoded in larger pieces than it was read in."""
-    blocks = [at(CASE.packets[0], 100 * number) for number in range(8)]
-    reads = [number * TURN_NS + late * MS for number, late in enumerate((4, 1, 3, 0, 2, 4, 0, 3), start=1)]
-    scans = scans_of(list(zip(blocks, reads, strict=True)))
-    joined = Packets(b"".join(blocks), (Block(2137, 8),), tuple(enumerate(reads, start=1)))
-    assert [scan.stamp_ns for scan in WholeAssembler(stream()).add(joined)] == [scan.stamp_ns for scan in scans]
-
-
 def test_times_that_nobody_can_mean_tell_a_bounded_number() -> None:
     """They come from a device, a peer or a file, and so would the numbers of all scans that follow."""
     assembler = WholeAssembler(stream())
@@ -135,17 +126,6 @@ def test_where_no_clock_is_believed_the_time_between_blocks_tells() -> None:
     blocks = [(CASE.packets[n], round(n * TURN_NS + (7 * n % 3) * 10 * MS)) for n in (0, 1, 2, 5, 6)]
     stored = WholeAssembler(stream(timed=False))
     assert [scan.seq for scan in scans_of(blocks, stored)] == [0, 1, 2, 5, 6]
-
-
-def test_a_zero_offset_turns_the_field_too() -> None:
-    assembler = WholeAssembler(stream())
-    (before,) = scans_of([(CASE.packets[0], TURN_NS)], assembler)
-    assembler.set_zero_offset(90.0)
-    (after,) = scans_of([(CASE.packets[0], 2 * TURN_NS)], assembler)
-    assert (after.seam - before.seam) % 360 == pytest.approx(90)
-    one, other = before.to_laserscan(), after.to_laserscan(mount_yaw=np.pi / 2)
-    np.testing.assert_array_equal(one.ranges, other.ranges)
-    assert one.angle_min == pytest.approx(other.angle_min)
 
 
 def test_a_zero_offset_behind_the_next_scan_turns_the_one_behind_it() -> None:

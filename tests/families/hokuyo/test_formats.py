@@ -173,17 +173,6 @@ def test_a_line_that_could_not_carry_the_scans_tells_no_time() -> None:
     assert [stream.speed_on(baudrate) for baudrate in (115_200, 213_699, 213_700)] == [0, 0, 213_700]
 
 
-def test_the_semicolon_may_belong_to_the_sum_or_not() -> None:
-    inside = b"00P\nARES:1024;" + bytes((check_of(b"ARES:1024;"),))
-    outside = b"00P\nARES:1024;" + bytes((check_of(b"ARES:1024"),))
-    for payload in (inside, outside):
-        told = read_lines(payload)
-        assert told is not None
-        assert (told.status, told.lines) == ("00", {"ARES": "1024"})
-    assert read_lines(inside.replace(b"1024", b"1025")) is None
-    assert read_lines(b"00Q") is None
-
-
 def status(two: bytes) -> bytes:
     return two + bytes((check_of(two),))
 

@@ -1,4 +1,4 @@
-"""Smoothing, the edges of angles, what a gap leaves untold, and several revolutions that are decoded together.
+"""Smoothing, the edges of angles, and what a gap leaves untold.
 
 `tests/properties/test_decoding.py` compares all formats with their scalar references.
 """
@@ -82,15 +82,6 @@ def test_the_seam_may_lie_anywhere_in_a_packet_of_whole_nodes(first: int) -> Non
 
 
 # ----------------------------------------------------------------------------------------------------- gaps
-
-
-def test_near_targets_are_as_far_beside_the_beam_as_the_reference_says() -> None:
-    """0x84, at each distance up to 3 m."""
-    raw = packers.pack_ultra(beginnings((100, 700), 33), np.arange(33 * 96))
-    reference = rplidar.decode(0x84, rplidar.split(0x84, raw))
-    assert {*range(512)} <= {round(each.distance_mm) for each in reference}
-    off = decode(0x84, raw).angle_deg - np.array([each.angle_deg for each in reference])
-    assert np.abs((off + 180) % 360 - 180).max() < 1e-4
 
 
 @pytest.mark.parametrize("untold", [(), range(2, 288, 4), range(96)], ids=["none", "each fourth", "first"])

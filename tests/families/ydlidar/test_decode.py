@@ -5,9 +5,9 @@ from itertools import pairwise
 import pytest
 
 from lidario.families.base import Samples
-from lidario.families.ydlidar.decode import KINDS, CloudDecoder
+from lidario.families.ydlidar.decode import CloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.families.ydlidar.simulated.packers import Layout, pack_points
+from lidario.families.ydlidar.simulated.packers import pack_points
 from lidario.wire.events import Packets
 from tests.reference import golden, ydlidar
 from tests.support.streams import in_one_run
@@ -177,17 +177,3 @@ def test_most_packets_may_reach_over_no_angle() -> None:
     assert samples.last.samples == pytest.approx(23040 / 50, rel=0.02)
     assert samples.gaps[0] == (80, 80)
     assert decoded([long[1], *short], long[1]).gaps[0] == (80, 3050 // 50 - 1)
-
-
-@pytest.mark.parametrize("name", ["g2", "tmini", "sh"])
-@pytest.mark.parametrize("strength", [0, 200, 1000])
-def test_of_intensities_the_upper_eight_bits_are_told(name: str, strength: int) -> None:
-    """Of eight bits all; of ten two lie beside the flags of the distance."""
-    kind = KINDS[name]
-    layout = Layout(kind.wire.sample_size, kind.unit, flags=kind.flags, bits=kind.bits)
-    raw = pack_points([900] * 40, 0, 2245, layout=layout, intensities=strength)
-    samples = kind.decoder().decode(in_one_run(kind.wire(), raw), None)
-    assert samples.intensity is not None
-    whole = strength & (1 << kind.bits) - 1
-    assert set(samples.intensity.tolist()) == {whole >> kind.bits - 8}
-    assert set(samples.distance_mm.tolist()) == {900.0}
