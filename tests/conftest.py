@@ -66,6 +66,8 @@ NEEDS = {
 """Test modules that are not run where a program is not installed; the summary says so."""
 NEEDS_PACKAGE = {"test_example_dds.py": ("cyclonedds", "dds"), "test_example_rerun.py": ("rerun", "rerun")}
 """Likewise, where a package is not: one has no wheel for some machines, one is too large for everybody."""
+NEEDS_PYTHON = {"test_eager_tasks.py": (3, 12)}
+"""Likewise, where Python is too old: 3.11 has no tasks that begin at once."""
 NEEDS_LINUX = re.compile(
     r"^\s*(import|from) (pty|tty|termios|fcntl|resource)\b|PtyServer|/proc/"
     r"|tests\.support\.(terminals|shells)\b|benchmarks\.soak\b|os\.fork\b"
@@ -97,6 +99,8 @@ def _why_not_here(path: Path) -> str:
     module, extra = NEEDS_PACKAGE.get(path.name, ("", ""))
     if module and importlib.util.find_spec(module) is None:
         return f"no {module} is installed; .venv/bin/pip install -e '.[{extra}]'"
+    if sys.version_info < (least := NEEDS_PYTHON.get(path.name, (3, 11))):
+        return f"from Python {least[0]}.{least[1]} on"
     system = platform.system()
     needed = NEEDS.get(path.name)
     if system == "Linux":

@@ -14,9 +14,7 @@ from tests.support.devices import EVERY_FAMILY, FAMILIES, left_still, make_rig, 
 from tests.support.loop import now
 
 PATIENCE_S = 30.0
-FACTORY: Any = getattr(asyncio, "eager_task_factory", None)
-
-pytestmark = pytest.mark.skipif(FACTORY is None, reason="from Python 3.12 on")
+FACTORY: Any = getattr(asyncio, "eager_task_factory", None)  # from Python 3.12 on
 
 
 def make_eager() -> None:
