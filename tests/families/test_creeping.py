@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lidario.families.wheel import Wheel
-from tests.support.wheels import PACKET_NS, TURN, heads, lost, missing, told, turning
+from tests.families.test_wheel import PACKET_NS, told
+from tests.support.wheels import TURN, heads, lost, missing, turning
 
 
 def test_packets_that_are_lost_of_a_rotor_that_creeps_show_no_other_speed() -> None:
