@@ -13,6 +13,7 @@ from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
 from lidario.scan import Scan
+from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import ReceivedInSilence
 from lidario.sim.serve import PtyServer
 from lidario.source import as_source
@@ -20,6 +21,7 @@ from tests.support.devices import make_rig
 from tests.support.refused import refused
 from tests.support.speeds import plugged_in
 from tests.support.terminals import WaitingPtyServer
+from tests.support.times import takes
 
 PATIENCE_S = 60.0
 
@@ -165,3 +167,14 @@ def test_what_came_in_silence_is_explained() -> None:
         heard = ReceivedInSilence()
         heard.see("in", came, 0)
         assert says in str(heard.nothing_responds(as_source(source), FAMILIES, speeds, LineErrors(framing=3)))
+
+
+@pytest.mark.parametrize(("family", "shortly", "patiently"), [("rplidar", 1.5, 7.0), ("ydlidar", 5.0, 7.0)])
+async def test_a_known_one_that_does_not_respond_is_given_up_soon_where_nobody_is_patient(
+    family: str, shortly: float, patiently: float
+) -> None:
+    rig = make_rig(family)
+    rig.device.mute = True
+    for patient, most_s in ((False, shortly), (True, patiently)):
+        with takes(most_s), pytest.raises(ConnectFailed, match="nothing responds"):
+            await connect(as_source(rig.device), family, patient=patient)
