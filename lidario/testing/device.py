@@ -167,8 +167,7 @@ class SimulatedLidar:
 
     def receive(self, data: bytes, now: int) -> None:
         """Take bytes that the host has sent; `now` in nanoseconds."""
-        self._begin(now)
-        self._line.write(data, now)
+        self._line.write(data, self._begin(now))
 
     def transmit(self, now: int) -> bytes:
         """The bytes that are due by `now`, in nanoseconds."""
@@ -177,38 +176,42 @@ class SimulatedLidar:
 
     def wakeup(self, now: int) -> int | None:
         """When something is due next, in nanoseconds; None for never, as far as is known."""
-        self._begin(now)
-        return self._line.wakeup(now)
+        return self._line.wakeup(self._begin(now))
 
     def set_dtr(self, asserted: bool, now: int) -> None:
         """The host sets the control line DTR, by which some models switch their motor."""
-        self._begin(now)
-        self._line.set_dtr(asserted, now)
+        self._line.set_dtr(asserted, self._begin(now))
 
     def set_host_baudrate(self, baudrate: int, now: int) -> None:
         """The host sets the speed of its port; few devices notice."""
-        self._begin(now)
-        self._line.set_baudrate(baudrate, now)
+        self._line.set_baudrate(baudrate, self._begin(now))
 
     def unplugged(self, now: int) -> bool:
         """Whether its cable is out at `now`, nanoseconds."""
         return self._faults.unplugged(now)
 
-    def _begin(self, now: int) -> None:
-        """The first time that it is spoken to: its time begins, and the loop's clock becomes fast."""
-        self._now = now
+    def _begin(self, now: int) -> int:
+        """The first time that it is spoken to: its time begins, and the loop's clock becomes fast.
+
+        Returns the time, which begins in another loop where it ended in the one before: that clock was fast.
+        """
+        before, self._now = self._now, now
         if self._surroundings is not None:
             self._surroundings.begin(now)
         try:
             loop = asyncio.get_running_loop()
         except RuntimeError:  # a thread serves it
-            return
+            return now
         if loop in self._clocks:
-            return
+            return now
         self._clocks.add(loop)
         pace = self._pace
         if pace is None:
             pace = FAST if threading.current_thread() is threading.main_thread() else 1.0
-        clock = clock_of(loop) if pace != 1.0 else None
+        clock = clock_of(loop) if pace != 1.0 or before > now else None
         if clock is not None:
             clock.set(pace)
+            if before > now:
+                clock.skip((before - now) * 1e-9)
+                self._now = now = before
+        return now

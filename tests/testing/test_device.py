@@ -314,3 +314,29 @@ def test_a_made_sector_on_both_sides_of_straight_ahead() -> None:
     assert make_sector([-0.1, 0.2], 1.0, seq=3).index == 7
     assert make_sector([0.5], 1.0, index=2, degrees=30.0).index == 2
     assert len(make_sector([], [])) == 0
+
+
+@pytest.mark.parametrize("asynchronous", [True, False])
+def test_its_time_goes_on_in_the_next_loop(asynchronous: bool) -> None:
+    """As of a program that a test starts again: its clock had been fast, and the next loop's was behind it."""
+    lidar = SimulatedLidar(bodies=[Body([(0.0, 1.0, 0.0), (60.0, 1.9, 0.0)])])
+    stamps, ahead = list[int](), list[float]()
+
+    async def program(scans: int) -> None:
+        async with lidario.open_lidar(lidar) as session:
+            for _ in range(scans):
+                scan = await session.scan()
+                stamps.append(scan.stamp_ns)
+                ahead.append(float(scan.ranges[np.argmin(np.abs(scan.angles))]))
+
+    asyncio.run(program(100))
+    if asynchronous:
+        asyncio.run(program(2))
+    else:
+        with lidario.open_sync(lidar) as session:
+            stamps.append(session.scan().stamp_ns)
+    assert lidar.is_still
+    # About as long as opening takes. It had to catch up with 10 s, and did not respond.
+    assert 0 < stamps[100] - stamps[99] < 4e9
+    assert all(np.diff(ahead) >= 0)
+    lidar.close()

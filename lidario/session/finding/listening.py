@@ -200,7 +200,7 @@ class ReceivedInSilence:
                 "Is that a lidar? One that says so again and again restarts: is its supply too weak (5 V, 1.5 A)?"
             )
         return ConnectFailed(
-            f"{source.address} opened, but nothing responds{at} (asked as {titles}): {said}. {cure}",
+            f"{source.address or source.text} opened, but nothing responds{at} (asked as {titles}): {said}. {cure}",
             reason="silent",
         )
 
