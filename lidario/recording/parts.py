@@ -83,7 +83,8 @@ class Parts:
 
     def __init__(self, path: Path, about: About, split: Split, *, overwrite: bool, sync: bool) -> None:
         self.count: int = 1
-        self._base = path
+        # A program may go to another folder meanwhile, as a daemon does: all files belong into the same one.
+        self._base = path.absolute() if split else path
         self._split = split
         self._sync = sync
         self._closed_size = 0
@@ -91,7 +92,7 @@ class Parts:
         self._began_ns: int | None = None
         # The files of this name that are complete, also those of another program that ran before. Those of one that
         # runs must not go.
-        self._complete = _sizes_of(path) if split.keep is not None else {}
+        self._complete = _sizes_of(self._base) if split.keep is not None else {}
         self.writer: FileWriter = (
             self._begin(about.began_ns, about) if split else FileWriter(path, about, overwrite=overwrite, sync=sync)
         )
