@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.report import Result, Setting, Table
 from benchmarks.streams import KINDS, Kind, capture
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets

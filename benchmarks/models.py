@@ -13,6 +13,7 @@ from functools import partial
 from typing import Final
 
 from benchmarks.streams import RATES, Kind, rplidar_kind, simulated
+from lidario.basics.model import ScanMode
 from lidario.families import camsense, hlds, irobotix, neato
 from lidario.families.hokuyo.commands import measure
 from lidario.families.hokuyo.decode import BlockDecoder
@@ -26,7 +27,6 @@ from lidario.families.talking import Talkers
 from lidario.families.two_angles import TwoAngleDecoder
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.models import MODELS as YDLIDARS
-from lidario.model import ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat
 

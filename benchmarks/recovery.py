@@ -31,7 +31,7 @@ from benchmarks.truth_forms import FORMATS
 from benchmarks.truth_score import is_right
 from benchmarks.truth_streams import Form, TrueStream, true_stream
 from benchmarks.truth_ways import receive
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 
 LASTS_S = 2.0
 _BEGINS_S = (0.8, 1.2)

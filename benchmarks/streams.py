@@ -16,6 +16,7 @@ from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
+from lidario.basics.model import ScanMode
 from lidario.families.base import Decoder, Stream
 from lidario.families.registry import family_of_simulated
 from lidario.families.rplidar import commands as rplidar_commands
@@ -25,7 +26,6 @@ from lidario.families.rplidar.simulated.device import PROFILES, Mode, Profile, S
 from lidario.families.ydlidar import commands as ydlidar_commands
 from lidario.families.ydlidar.decode import CloudDecoder
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.model import ScanMode
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.envelope import DESCRIPTOR_SIZE, Request
 from lidario.wire.events import Packets

@@ -11,8 +11,8 @@ from benchmarks.truth_cases import Line, Mask
 from benchmarks.truth_code import UNTOLD, Floats, Ints
 from benchmarks.truth_streams import TrueStream
 from benchmarks.truth_ways import Received
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 
 _OFF_DEG = 1.0
 _SEAM_DEG = 2.0

@@ -17,8 +17,8 @@ from lidario.families.base import Known
 from lidario.recording.offline import OfflineDecoder
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 
 WAYS = ("read", "held", "sectors", "file")
 """Each read parsed by itself; what was read kept until a revolution should be complete; each read by itself while

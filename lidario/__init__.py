@@ -16,9 +16,7 @@ from lidario.loading import keep
 from lidario.version import __version__
 
 if TYPE_CHECKING:
-    from lidario.beams import BeamOrder, NoReturn, Preset
-    from lidario.blocking import SyncLidar, open_sync
-    from lidario.blocking_streams import SyncLineChanges, SyncRecording, SyncScanStream, SyncSectorStream
+    from lidario.basics.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.config.read import Config, LidarConfig, read_config
     from lidario.config.write import save_config
     from lidario.errors import (
@@ -40,19 +38,20 @@ if TYPE_CHECKING:
         StreamFailed,
         Unsupported,
     )
-    from lidario.laserscan import LaserScan
-    from lidario.laserscans import LaserScans
-    from lidario.measured import Return
-    from lidario.merging import Merged
-    from lidario.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
-    from lidario.points import Motion, Mount, Points, PoseFunction, Velocity, merge
     from lidario.port.line import Tap
+    from lidario.port.simulation import simulate
     from lidario.recording.decode_file import RecordingSummary, decode_file, decode_file_arrays, summarize
     from lidario.recording.offline import ScanArrays, decode, decode_arrays
     from lidario.recording.record import Recording
-    from lidario.registration import Registration, looseness, register
-    from lidario.scan import Scan
-    from lidario.sector import Sector
+    from lidario.scans.beams import BeamOrder, NoReturn, Preset
+    from lidario.scans.laserscan import LaserScan
+    from lidario.scans.laserscans import LaserScans
+    from lidario.scans.measured import Return
+    from lidario.scans.merging import Merged
+    from lidario.scans.points import Motion, Mount, Points, PoseFunction, Velocity, merge
+    from lidario.scans.registration import Registration, looseness, register
+    from lidario.scans.scan import Scan
+    from lidario.scans.sector import Sector
     from lidario.session.finding.discovery import Found, PortInfo, list_lidars, list_serial_ports
     from lidario.session.finding.reconnect import Reconnect
     from lidario.session.lidar import Lidar
@@ -63,7 +62,8 @@ if TYPE_CHECKING:
     from lidario.session.streaming.stream import ScanStream, SectorStream
     from lidario.sim.device import Received, SimulatedDevice
     from lidario.sim.world import Wall, WorldLike
-    from lidario.simulation import simulate
+    from lidario.sync.lidar import SyncLidar, open_sync
+    from lidario.sync.streams import SyncLineChanges, SyncRecording, SyncScanStream, SyncSectorStream
 
 __all__ = [
     "BeamOrder", "Busy", "CannotRecord", "Config", "ConnectFailed", "ConnectReason", "DeviceFault",
@@ -86,24 +86,24 @@ _HOMES = {
         "InvalidValue", "LidarError", "LocalProtocolError", "ProtocolError", "RecordingError",
         "RemoteProtocolError", "ResponseTimeout", "SessionClosed", "StreamFailed", "Unsupported",
     ),
-    "blocking": ("SyncLidar", "open_sync"),
+    "sync.lidar": ("SyncLidar", "open_sync"),
     "config.read": ("Config", "LidarConfig", "read_config"),
     "config.write": ("save_config",),
     "recording.decode_file": ("RecordingSummary", "decode_file", "decode_file_arrays", "summarize"),
     "recording.record": ("Recording",),
     "session.finding.discovery": ("Found", "PortInfo", "list_lidars", "list_serial_ports"),
-    "beams": ("BeamOrder", "NoReturn", "Preset"),
-    "laserscan": ("LaserScan",),
-    "laserscans": ("LaserScans",),
-    "model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
-    "blocking_streams": ("SyncLineChanges", "SyncRecording", "SyncScanStream", "SyncSectorStream"),
-    "measured": ("Return",),
-    "merging": ("Merged",),
-    "registration": ("Registration", "looseness", "register"),
+    "scans.beams": ("BeamOrder", "NoReturn", "Preset"),
+    "scans.laserscan": ("LaserScan",),
+    "scans.laserscans": ("LaserScans",),
+    "basics.model": ("DeviceInfo", "Health", "HealthStatus", "NetworkAddress", "SampleRate", "ScanMode", "Stats"),
+    "sync.streams": ("SyncLineChanges", "SyncRecording", "SyncScanStream", "SyncSectorStream"),
+    "scans.measured": ("Return",),
+    "scans.merging": ("Merged",),
+    "scans.registration": ("Registration", "looseness", "register"),
     "session.merged": ("MergedStream", "merged"),
-    "scan": ("Scan",),
-    "sector": ("Sector",),
-    "points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
+    "scans.scan": ("Scan",),
+    "scans.sector": ("Sector",),
+    "scans.points": ("Motion", "Mount", "Points", "PoseFunction", "Velocity", "merge"),
     "port.line": ("Tap",),
     "recording.offline": ("ScanArrays", "decode", "decode_arrays"),
     "session.lidar": ("Lidar",),
@@ -114,7 +114,7 @@ _HOMES = {
     "session.streaming.stream": ("ScanStream", "SectorStream"),
     "sim.device": ("Received", "SimulatedDevice"),
     "sim.world": ("Wall", "WorldLike"),
-    "simulation": ("simulate",),
+    "port.simulation": ("simulate",),
 }  # fmt: skip
 """Module -> the public names that live in it."""
 

@@ -30,10 +30,10 @@ tracebacks do not mix. Therefore every class can be copied and pickled: ``args``
 
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from lidario.words import counted
+from lidario.basics.words import counted
 
 if TYPE_CHECKING:
-    from lidario.model import Health
+    from lidario.basics.model import Health
 
 ConnectReason: TypeAlias = Literal["missing", "permission", "busy", "silent", "refused", "ambiguous", "source"]
 """Why a connection failed, in one word for programs; `ConnectFailed` explains each."""

@@ -31,7 +31,7 @@ def load(name: str) -> "ModuleType":
     # Only here: `import lidario` does without them.
     import threading
 
-    from lidario.latch import Latch, start_apart
+    from lidario.port.latch import Latch, start_apart
 
     if threading.current_thread() is not threading.main_thread():
         return import_module(name)

@@ -10,8 +10,8 @@ import pytest
 
 import lidario
 from lidario import errors
+from lidario.basics.model import Health, HealthStatus
 from lidario.errors import ConnectFailed, ConnectReason, DeviceFault, InvalidValue, LidarError, ResponseTimeout
-from lidario.model import Health, HealthStatus
 
 
 def tree(root: type[LidarError]) -> list[type[LidarError]]:

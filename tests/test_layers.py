@@ -31,11 +31,11 @@ SANS_IO = {"asyncio", "anyio", "serial", "serial_asyncio", "socket", "select", "
 OF_SYSTEM = {*SANS_IO, "io", "logging", "os", "pathlib", "random", "sys", "tempfile", "time"}
 BESIDE_THE_PUBLIC_NAMES = {
     "cli": (
-        "cli", "conformance", "families.adapters", "families.registry", "recording", "ros", "sim", "system", "web",
-        "words",
+        "basics.system", "basics.words", "cli", "conformance", "families.adapters", "families.registry",
+        "recording", "ros", "sim", "web",
     ),
     "web": ("filters", "web"),
-    "testing": ("arguments", "conformance", "loading", "sim", "testing"),
+    "testing": ("basics.arguments", "conformance", "loading", "sim", "testing"),
 }  # fmt: skip
 """What may be imported by those that else use the names that a user would."""
 NAMES_OF_VENDORS = re.compile(

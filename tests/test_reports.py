@@ -8,7 +8,7 @@ import pytest
 
 import lidario
 from lidario.conformance import Outcome, read_report, rule_named, seen_reports
-from lidario.measured import changed
+from lidario.scans.measured import changed
 from tests.conformance.bench import make
 from tests.support import reports
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import lidario
-from lidario.words import counted
+from lidario.basics.words import counted
 
 COLOUR: Final = "#1b5fc1"
 """Readable on white, also when it is printed."""

@@ -14,8 +14,8 @@ from importlib.util import find_spec
 import click
 
 import lidario
+from lidario.basics.system import cause_of, is_exhausted
 from lidario.cli.streams import CannotWrite, ReaderGone, message
-from lidario.system import cause_of, is_exhausted
 
 _PREFIX = "error: "
 

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 import lidario
+from lidario.basics.words import counted
 from lidario.cli.errors import Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import progress
 from lidario.cli.parameters import FiniteRange, WholeRange, as_file, complete_file
 from lidario.cli.settings import config_option, only_with, settings_of_file
 from lidario.cli.streams import message
-from lidario.words import counted
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection

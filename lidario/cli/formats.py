@@ -18,7 +18,7 @@ import lidario
 
 _ANGLE_DIGITS = 6
 _RANGE_DIGITS = 5
-"""As in `lidario.plain`."""
+"""As in `lidario.scans.plain`."""
 
 CSV_HEADER = "seq,wall_stamp_ns,angle_rad,range_m,intensity\n"
 ROW_HEADER = "scan samples  returns   rpm     Hz        nearest       farthest  lost  dropped\n"

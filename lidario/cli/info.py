@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import click
 
 import lidario
+from lidario.basics.words import counted
 from lidario.cli.output import dump, emit_tables, facts, in_both_units, progress, table
 from lidario.cli.parameters import json_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.streams import message
-from lidario.words import counted
 
 if TYPE_CHECKING:
     from rich.table import Table

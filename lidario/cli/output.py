@@ -24,8 +24,8 @@ from itertools import cycle
 from typing import TYPE_CHECKING, Any, Final
 
 import lidario
+from lidario.basics.system import NO_THREADS
 from lidario.cli.streams import CannotWrite, ReaderGone, beside, can_be_drawn_on, emit, show
-from lidario.system import NO_THREADS
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

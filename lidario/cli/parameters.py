@@ -17,7 +17,7 @@ import click
 from click.shell_completion import CompletionItem
 
 import lidario
-from lidario.system import cause_of
+from lidario.basics.system import cause_of
 
 _UNITS: Final = {"ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _SIZE: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*([KMGT]B)", re.ASCII | re.IGNORECASE)

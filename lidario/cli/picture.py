@@ -19,7 +19,7 @@ from rich.style import Style
 from rich.text import Text
 
 import lidario
-from lidario.words import counted
+from lidario.basics.words import counted
 
 MOST_COLUMNS: Final = 99
 ROWS_OFF_TERMINAL: Final = 31

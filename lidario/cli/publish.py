@@ -13,13 +13,13 @@ import click
 
 import lidario
 import lidario.ros
+from lidario.basics.words import counted
 from lidario.cli.errors import need
 from lidario.cli.laserscans import arguments_of, laserscan_options
 from lidario.cli.parameters import WholeRange, as_duration, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import config_option, is_given, only_with, settings_of_file
 from lidario.cli.streams import ReaderGone, beside, emit, message
-from lidario.words import counted
 
 ROUTER: Final = "tcp/localhost:7447"
 BEAMS: Final = 720

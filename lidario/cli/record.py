@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 import lidario
+from lidario.basics.words import counted
 from lidario.cli.errors import Stopped
 from lidario.cli.laserscans import laserscan_options, laserscans_of
 from lidario.cli.output import progress
@@ -34,7 +35,6 @@ from lidario.cli.parameters import (
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, only_with, settings_of_file
 from lidario.cli.streams import emit, message
-from lidario.words import counted
 
 
 class _Told:

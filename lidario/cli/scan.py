@@ -19,13 +19,13 @@ from functools import partial
 import click
 
 import lidario
+from lidario.basics.words import counted
 from lidario.cli.errors import Stopped
 from lidario.cli.output import Worker, console, introduced, progress, rendered
 from lidario.cli.parameters import WholeRange, guard_option, mode_option, reconnect_option, source_argument
 from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import emit, message
-from lidario.words import counted
 
 
 @dataclass

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Final, TypeVar
 import click
 
 import lidario
+from lidario.basics.system import cause_of
+from lidario.basics.words import counted
 from lidario.cli.errors import cannot_listen
 from lidario.cli.output import emit_beside
 from lidario.cli.parameters import WholeRange
 from lidario.cli.running import run_until_stopped
 from lidario.cli.streams import emit, message
-from lidario.system import cause_of
-from lidario.words import counted
 
 if TYPE_CHECKING:
     from lidario.sim.faults import Faults

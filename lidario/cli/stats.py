@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import click
 
 import lidario
+from lidario.basics.words import counted
 from lidario.cli.errors import ExitCode, Stopped
 from lidario.cli.output import dump, emit_tables, facts, in_both_units, introduced
 from lidario.cli.parameters import as_duration, guard_option, json_option, mode_option, source_argument
@@ -24,7 +25,6 @@ from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 from lidario.web.traffic import Traffic, traffic
-from lidario.words import counted
 
 if TYPE_CHECKING:
     from rich.table import Table

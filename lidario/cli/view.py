@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Final
 import click
 
 import lidario
+from lidario.basics.words import counted
 from lidario.cli.errors import cannot_listen, need
 from lidario.cli.output import emit_beside, progress
 from lidario.cli.parameters import WholeRange, as_folder, as_place, guard_option, mode_option, sources_argument
 from lidario.cli.running import run_until_stopped
 from lidario.cli.settings import FILE, config_file, config_option
 from lidario.cli.streams import message
-from lidario.words import counted
 
 if TYPE_CHECKING:
     from lidario.web.feed import Feed

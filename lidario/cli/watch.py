@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from lidario.basics.words import counted
 from lidario.cli.errors import Stopped
 from lidario.cli.output import Worker, console, facts, progress, rendered
 from lidario.cli.parameters import guard_option, mode_option, source_argument
@@ -23,7 +24,6 @@ from lidario.cli.running import nothing_logged, run
 from lidario.cli.settings import config_file, config_option
 from lidario.cli.stats import percent
 from lidario.cli.streams import can_be_drawn_on, emit, message
-from lidario.words import counted
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -12,11 +12,11 @@ from math import radians
 from typing import Any, Final
 
 import lidario.filters as filters
-from lidario.arguments import finite, path_of, shown
+from lidario.basics.arguments import finite, path_of, shown
+from lidario.basics.system import cause_of
 from lidario.errors import InvalidValue
 from lidario.filters.base import Filter
-from lidario.points import Mount
-from lidario.system import cause_of
+from lidario.scans.points import Mount
 
 MOST_BYTES: Final = 1 << 20
 ENCODING: Final = "utf-8-sig"

@@ -8,13 +8,13 @@ from math import degrees
 from pathlib import Path
 from typing import Any, Final, cast
 
-from lidario.arguments import path_of, shown, text_of
+from lidario.basics.arguments import path_of, shown, text_of
+from lidario.basics.system import cause_of
+from lidario.basics.whole_file import whole_file
 from lidario.config.read import ENCODING, FILTERS, config_of, parse_filter, read_config, tables_of
 from lidario.errors import InvalidValue, Unsupported
 from lidario.filters.base import Filter
-from lidario.points import Mount
-from lidario.system import cause_of
-from lidario.whole_file import whole_file
+from lidario.scans.points import Mount
 
 _CANNOT: Final = (
     "this cannot be written into it as it is. Give each lidar a table of its own, such as [lidars.AB12], with its "

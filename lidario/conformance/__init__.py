@@ -12,7 +12,7 @@ Which rules apply is told by what the device can do, and never by its name. `doc
 from dataclasses import replace
 from types import ModuleType
 
-from lidario.arguments import shown
+from lidario.basics.arguments import shown
 from lidario.conformance import asking, settings, stopping, streaming
 from lidario.conformance.bench import Bench, open_bench
 from lidario.conformance.news import Seen, news_of, seen_reports

@@ -1,8 +1,8 @@
 """Rules about questions: what a device at rest responds, and how soon."""
 
+from lidario.basics.model import HealthStatus
 from lidario.conformance.bench import Bench
 from lidario.conformance.rule import Broken, Need, NotTried, Origin, known
-from lidario.model import HealthStatus
 
 QUESTIONS = 5
 

@@ -14,12 +14,13 @@ from dataclasses import replace
 from math import isfinite
 from typing import Self, TypeVar
 
+from lidario.basics.model import Health, HealthStatus, ScanMode
+from lidario.basics.source import Source, as_source
 from lidario.conformance.flow import Flow, Watch, collect
 from lidario.conformance.rule import Broken, Figure, Need, NotTried, Outcome, Rule, Verdict
 from lidario.errors import DeviceFault, InvalidValue, LidarError, Unsupported
 from lidario.families.base import Script
 from lidario.families.registry import check_family, check_source
-from lidario.model import Health, HealthStatus, ScanMode
 from lidario.port.port import Port
 from lidario.session.finding.connect import connect
 from lidario.session.finding.connection import Connection
@@ -31,7 +32,6 @@ from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import healthy
 from lidario.session.talking.play import play
 from lidario.sim.device import SimulatedDevice
-from lidario.source import Source, as_source
 from lidario.wire.envelope import Request
 
 T = TypeVar("T")

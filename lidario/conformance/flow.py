@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lidario.basics.model import ScanMode, Stats
 from lidario.conformance.rule import Broken
 from lidario.errors import LidarError, Unsupported
 from lidario.families.stream import Stream
-from lidario.model import ScanMode, Stats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.streaming.stream import ScanStream
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK

@@ -11,12 +11,12 @@ from importlib.resources import files
 from math import isclose
 from typing import Final, NamedTuple
 
+from lidario.basics.model import ScanMode
 from lidario.conformance.report import Report
 from lidario.conformance.rule import Outcome
 from lidario.families.registry import family_named
-from lidario.model import ScanMode
+from lidario.port.simulation import simulate
 from lidario.session.opening import open_lidar
-from lidario.simulation import simulate
 
 SEEN: Final = "seen.json"
 """Beside this file: one entry for each report in the project's collection, written by its script."""

@@ -15,13 +15,13 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from lidario.arguments import printable
+from lidario.basics.arguments import printable
+from lidario.basics.entered import Entered
+from lidario.basics.model import ScanMode
 from lidario.conformance.bench import Bench
 from lidario.conformance.kept import Kept
 from lidario.conformance.rule import Figure, Outcome, Rule, Verdict
-from lidario.entered import Entered
 from lidario.errors import RecordingError
-from lidario.model import ScanMode
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import mode_of
 from lidario.recording.mcap_records import Metadata, read_records

@@ -11,7 +11,7 @@ import numpy as np
 from lidario.conformance.bench import Bench
 from lidario.conformance.flow import Flow, Watch
 from lidario.conformance.rule import Broken, Figure, NotTried, Origin, Rule, known
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 
 MODES_S = 90.0  # six modes, each with 5 s for the rotor to start and 9 s for its packets and scans
 SAMPLE_TIME_SHARE = 0.04

@@ -10,15 +10,15 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Final
 
+from lidario.basics.model import DeviceInfo
+from lidario.basics.source import as_source
 from lidario.conformance.report import REPORT, facts_of_computer, texts_of_facts
 from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
-from lidario.model import DeviceInfo
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter
-from lidario.source import as_source
 from lidario.version import __version__
 
 LISTEN_S: Final = 1.0

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
+from lidario.basics.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.errors import Unsupported
 from lidario.families.samples import DecodedRevolution, Decoder, Samples
 from lidario.families.stream import Keepalive, Known, RawStream, Stream, raw_stream, runs_in
-from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request, encode_descriptor
 from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat

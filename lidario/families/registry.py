@@ -2,11 +2,11 @@
 
 from difflib import get_close_matches
 
-from lidario.arguments import text_of
+from lidario.basics.arguments import text_of
+from lidario.basics.source import Source, quoted
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families import camsense, hlds, hokuyo, irobotix, ldrobot, neato, rplidar, ydlidar
 from lidario.families.base import Family
-from lidario.source import Source, quoted
 
 FAMILIES: tuple[Family, ...] = (
     rplidar.FAMILY,

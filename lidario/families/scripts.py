@@ -13,10 +13,10 @@ import struct
 from collections.abc import Callable
 from typing import Final
 
-from lidario.arguments import finite
+from lidario.basics.arguments import finite
+from lidario.basics.model import Health, HealthStatus
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout
 from lidario.families.base import Script, T
-from lidario.model import Health, HealthStatus
 from lidario.wire.envelope import Expected, Request
 from lidario.wire.formats import StreamFormat
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from lidario.basics.model import ScanMode
 from lidario.families.samples import Decoder
-from lidario.model import ScanMode
 from lidario.wire.blocks import Block
 from lidario.wire.envelope import Request
 from lidario.wire.formats import StreamFormat

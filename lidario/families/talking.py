@@ -10,6 +10,7 @@ from functools import partial
 from statistics import median
 from typing import Any, Final, NamedTuple
 
+from lidario.basics.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.errors import ResponseTimeout, StreamFailed, Unsupported
 from lidario.families.base import (
     Decoder,
@@ -25,7 +26,6 @@ from lidario.families.base import (
     runs_in,
 )
 from lidario.families.scripts import HEAR_S, LINKED, NOT_STOPPED, begin, frequency_within, hear, hear_runs, told
-from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import moderate, shown, yes_or_no
+from lidario.basics.arguments import moderate, shown, yes_or_no
 from lidario.errors import InvalidValue
 from lidario.filters.base import MaskFilter
-from lidario.measured import MeasuredSamples
-from lidario.points import Mount
-from lidario.samples import FloatArray
+from lidario.scans.measured import MeasuredSamples
+from lidario.scans.points import Mount
+from lidario.scans.samples import FloatArray
 
 _ORIGIN: Final = Mount()
 

@@ -6,10 +6,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import shown
+from lidario.basics.arguments import shown
 from lidario.errors import InvalidValue
-from lidario.measured import MeasuredSamples, with_distances
-from lidario.samples import FloatArray
+from lidario.scans.measured import MeasuredSamples, with_distances
+from lidario.scans.samples import FloatArray
 
 RecordT = TypeVar("RecordT", bound=MeasuredSamples)
 

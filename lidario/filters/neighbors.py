@@ -11,12 +11,12 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import MODERATE, finite, moderate, shown, whole, yes_or_no
+from lidario.basics.arguments import MODERATE, finite, moderate, shown, whole, yes_or_no
 from lidario.errors import InvalidValue
 from lidario.filters.base import Filter, MaskFilter, RecordT
-from lidario.measured import MeasuredSamples, with_distances
-from lidario.samples import FloatArray
-from lidario.scan import Scan
+from lidario.scans.measured import MeasuredSamples, with_distances
+from lidario.scans.samples import FloatArray
+from lidario.scans.scan import Scan
 
 _ElementT = TypeVar("_ElementT", bound=np.generic)
 

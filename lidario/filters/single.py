@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import number, shown, yes_or_no
+from lidario.basics.arguments import number, shown, yes_or_no
 from lidario.errors import InvalidValue
 from lidario.filters.base import MaskFilter
-from lidario.measured import MeasuredSamples
-from lidario.samples import in_single, is_between
+from lidario.scans.measured import MeasuredSamples
+from lidario.scans.samples import in_single, is_between
 
 
 @dataclass(frozen=True, slots=True)

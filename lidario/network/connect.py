@@ -10,10 +10,11 @@ from typing import Final, TypeAlias
 
 import anyio
 
+from lidario.basics.model import DeviceInfo, Health, HealthStatus
+from lidario.basics.source import Source
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
-from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.device import RemoteDevice, RemoteStreams, whole_scans
 from lidario.network.keys import LASERSCAN_IN_KEY, check_key, parse_attachment, parse_token, status_key, tokens_of
@@ -23,7 +24,6 @@ from lidario.network.router import check_router
 from lidario.network.status import Status, statuses
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan
-from lidario.source import Source
 
 WAIT_S: Final = 5.0
 """How long to wait for the first message of a publisher that does not respond, or for a lidar that is away."""

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
+from lidario.basics.model import DeviceInfo, Health, ScanMode
 from lidario.errors import Unsupported
 from lidario.families.base import Decoder, Family, Script, Stream
-from lidario.model import DeviceInfo, Health, ScanMode
 from lidario.recording.about import About
 from lidario.recording.chronicle import EventState, Responded, StreamBegan, StreamEvent
 from lidario.recording.device import RecordedDevice

@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from lidario.model import Health
+from lidario.basics.model import Health
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import LASERSCAN_IN_KEY, parse_token, tokens_of
 from lidario.network.status import ASK_S, statuses

@@ -21,7 +21,7 @@ import struct
 import time
 from typing import Any, Final, NamedTuple
 
-from lidario.arguments import text_of
+from lidario.basics.arguments import text_of
 from lidario.errors import InvalidValue
 
 _log = logging.getLogger("lidario")

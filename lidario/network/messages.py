@@ -17,14 +17,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from lidario.arguments import printable
-from lidario.laserscan import LaserScan
-from lidario.measured import with_distances
+from lidario.basics.arguments import printable
 from lidario.network.bus import Sample
 from lidario.network.keys import LASERSCAN_IN_KEY
 from lidario.recording.chronicle import MOST_NS
-from lidario.samples import read_only
-from lidario.scan import Scan
+from lidario.scans.laserscan import LaserScan
+from lidario.scans.measured import with_distances
+from lidario.scans.samples import read_only
+from lidario.scans.scan import Scan
 
 _SCAN_MAGIC: Final = b"LDS1"
 _SCAN: Final = struct.Struct("<4sBxHIqqqQIddddd")

@@ -21,7 +21,7 @@ from lidario.recording.read import StoredStream
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.together import join_reads
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.events import EARLIEST_NS
 
 MOST_DECODER_BYTES: Final = 32 << 20  # of all decoders of a fleet: those of a thousand lidars

@@ -23,7 +23,7 @@ from typing import Any, Final, Self
 
 import anyio
 
-from lidario.arguments import path_of, text_of
+from lidario.basics.arguments import path_of, text_of
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.port.background import run_in_thread
 from lidario.port.forked import let_go_in_children

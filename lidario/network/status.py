@@ -9,8 +9,8 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import Final, Self
 
-from lidario.arguments import printable
-from lidario.model import ScanMode
+from lidario.basics.arguments import printable
+from lidario.basics.model import ScanMode
 from lidario.network.bus import Bus
 from lidario.network.keys import status_key
 from lidario.recording.about import About

@@ -29,8 +29,8 @@ from pathlib import Path
 
 import serial
 
-from lidario.model import LineErrors
-from lidario.system import real_path
+from lidario.basics.model import LineErrors
+from lidario.basics.system import real_path
 
 ROOT = Path("/")
 _COUNTED = struct.Struct("=6I5I36x")

@@ -9,9 +9,9 @@ import threading
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
+from lidario.basics.system import NO_THREADS
 from lidario.errors import ConnectFailed, LocalProtocolError
-from lidario.latch import Latch, start_apart
-from lidario.system import NO_THREADS
+from lidario.port.latch import Latch, start_apart
 
 T = TypeVar("T")
 

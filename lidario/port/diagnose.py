@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from lidario.basics.system import cause_of, real_path
 from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
 from lidario.port.guard import NAME as GUARD
-from lidario.system import cause_of, real_path
 
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 _NOT_SERIAL = (errno.ENOTTY, errno.EINVAL, errno.EISDIR)

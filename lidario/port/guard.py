@@ -29,10 +29,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from lidario.basics.system import real_path
 from lidario.errors import Unsupported
 from lidario.port.background import run_in_thread
 from lidario.port.forked import let_go_in_children
-from lidario.system import real_path
 from lidario.wire.envelope import Request
 
 _log = logging.getLogger("lidario")

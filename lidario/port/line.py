@@ -9,8 +9,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from lidario.basics.model import LineErrors
 from lidario.errors import DeviceLost
-from lidario.model import LineErrors
 from lidario.port.forked import leave_nothing
 from lidario.port.thread import Repeat
 

@@ -24,14 +24,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from lidario.basics.model import LineErrors
+from lidario.basics.system import cause_of
 from lidario.errors import DeviceLost
-from lidario.model import LineErrors
 from lidario.port.forked import let_go_in_children
 from lidario.port.guarded import Guarded, Stops
 from lidario.port.inbox import Late
 from lidario.port.line import Line, Receiver, Schedule
 from lidario.port.wall_clock import WallClock
-from lidario.system import cause_of
 
 _log = logging.getLogger("lidario")
 

@@ -22,8 +22,8 @@ from functools import partial
 
 import serial_asyncio
 
+from lidario.basics.model import LineErrors
 from lidario.errors import ConnectFailed
-from lidario.model import LineErrors
 from lidario.port.adapter import FOREIGN, Adapter, count_errors
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened

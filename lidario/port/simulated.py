@@ -16,21 +16,21 @@ from math import radians
 from typing import Final
 from weakref import WeakValueDictionary
 
+from lidario.basics.source import Source, quoted
+from lidario.basics.system import cause_of
 from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.registry import family_of_simulated
 from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
 from lidario.port.reading import ALONE_SHARE
 from lidario.port.serial import open_serial
+from lidario.port.simulation import serial_of
 from lidario.port.sockets import open_tcp, open_udp
 from lidario.sim.device import SimulatedDevice
 from lidario.sim.faults import Faults, parse_faults
 from lidario.sim.memory import TICK_S, MemoryLine
 from lidario.sim.rooms import make_world
 from lidario.sim.serve import PtyServer, TcpServer, UdpServer, usual_way
-from lidario.simulation import serial_of
-from lidario.source import Source, quoted
-from lidario.system import cause_of
 
 _SERVERS: Final = {"pty": PtyServer, "tcp": TcpServer, "udp": UdpServer}
 

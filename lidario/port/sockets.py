@@ -19,13 +19,13 @@ import socket
 import sys
 from collections.abc import Sequence
 
+from lidario.basics.system import cause_of
 from lidario.errors import ConnectFailed, DeviceLost
 from lidario.port.background import run_in_thread
 from lidario.port.guard import wait_for_guard
 from lidario.port.inbox import CONNECTION, DATAGRAMS, Kind
 from lidario.port.port import Port
 from lidario.port.reading import PolledLine
-from lidario.system import cause_of
 
 CONNECT_TIMEOUT_S = 5.0
 BUFFER = 1 << 20

@@ -27,10 +27,10 @@ from contextlib import suppress
 from functools import partial
 from typing import Protocol
 
-from lidario.latch import Latch
 from lidario.port.alarm import Alarm, make_alarm
 from lidario.port.background import start_thread
 from lidario.port.inbox import Inbox
+from lidario.port.latch import Latch
 
 TOGETHER_S = 0.006
 """How much earlier than it must be a port is read, to read several at one wake-up."""

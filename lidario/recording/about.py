@@ -8,8 +8,8 @@ import re
 from dataclasses import asdict, dataclass, field
 from typing import Self
 
-from lidario.arguments import printable
-from lidario.model import DeviceInfo, Health, HealthStatus
+from lidario.basics.arguments import printable
+from lidario.basics.model import DeviceInfo, Health, HealthStatus
 from lidario.recording.chronicle import MOST_NS, MOST_RESPONSES, StreamBegan, StreamEvent, event_of, text_of
 
 NAME = "lidario"

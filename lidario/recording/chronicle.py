@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Final, Self, TypeVar
 
-from lidario.arguments import printable
+from lidario.basics.arguments import printable
+from lidario.basics.model import ScanMode
 from lidario.families.stream import Stream
-from lidario.model import ScanMode
 
 MOST_NS = 1 << 62
 """Bound of all times and places in a file: the year 2116. Sums of two still fit in 64 bits with a sign."""

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from lidario.arguments import path_of
+from lidario.basics.arguments import path_of
+from lidario.basics.model import DeviceInfo
 from lidario.families.base import Known
 from lidario.filters.base import Filter
-from lidario.model import DeviceInfo
 from lidario.recording.files import open_stored
 from lidario.recording.offline import BLOCK, ScanArrays, UntimedScans, arrays_of
 from lidario.recording.opened import StoredFile
@@ -20,7 +20,7 @@ from lidario.recording.read import Piece, StoredStreams
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.together import join_reads
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.events import EARLIEST_NS
 from lidario.wire.stats import LinkStats
 

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
+from lidario.basics.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script, Stream
-from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.recording.chronicle import Responded
 from lidario.recording.read import StoredStream, StoredStreams
 from lidario.wire.envelope import Expected, Request

@@ -20,12 +20,12 @@ from typing import IO, Any
 
 import numpy as np
 
-from lidario.laserscans import LaserScans
+from lidario.basics.whole_file import whole_file
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.read import Copy
 from lidario.recording.write import FileWriter, cannot_write, check_not_recorded, file_time
-from lidario.scan import Scan
-from lidario.whole_file import whole_file
+from lidario.scans.laserscans import LaserScans
+from lidario.scans.scan import Scan
 
 CHUNK_NS = 1_000_000_000
 _COPY = 1 << 20

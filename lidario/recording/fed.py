@@ -14,7 +14,7 @@ from lidario.port.line import Line, Schedule
 from lidario.port.port import Port
 from lidario.recording.device import PLAY
 from lidario.recording.read import StoredStream
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor
 

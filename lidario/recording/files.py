@@ -11,9 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from lidario.basics.model import DeviceInfo
+from lidario.basics.source import Source, parse_source
 from lidario.errors import RecordingError
 from lidario.families.base import Known
-from lidario.model import DeviceInfo
 from lidario.recording.about import About
 from lidario.recording.chronicle import StreamBegan
 from lidario.recording.offline import OfflineDecoder
@@ -21,7 +22,6 @@ from lidario.recording.opened import StoredFile
 from lidario.recording.read import McapRecording, Piece, StoredStream, StoredStreams, is_mcap
 from lidario.recording.sequence import files_of
 from lidario.recording.stored_times import StoredTimes
-from lidario.source import Source, parse_source
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 

@@ -18,14 +18,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import finite, shown, text_of
+from lidario.basics.arguments import finite, shown, text_of
 from lidario.errors import InvalidValue, RecordingError
 from lidario.families.base import Family, Known, RawStream, Stream
 from lidario.families.registry import FAMILIES, families_of_model, family_named
-from lidario.measured import later
 from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
+from lidario.scans.measured import later
+from lidario.scans.scan import Scan
 from lidario.wire.copies import copy_of
 from lidario.wire.link import Link
 

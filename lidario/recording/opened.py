@@ -10,10 +10,10 @@ import os
 import re
 from pathlib import Path
 
-from lidario.entered import Closing
+from lidario.basics.entered import Closing
+from lidario.basics.system import cause_of
+from lidario.basics.whole_file import kind_of
 from lidario.errors import RecordingError
-from lidario.system import cause_of
-from lidario.whole_file import kind_of
 
 
 class StoredFile(Closing):

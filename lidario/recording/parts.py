@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from lidario.arguments import finite, shown, whole
+from lidario.basics.arguments import finite, shown, whole
+from lidario.basics.system import cause_of
 from lidario.errors import CannotRecord, InvalidValue
 from lidario.recording.about import About
 from lidario.recording.write import FileWriter, is_written
-from lidario.system import cause_of
 
 _log = logging.getLogger("lidario")
 

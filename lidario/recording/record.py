@@ -20,15 +20,15 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from lidario.entered import Entered
+from lidario.basics.entered import Entered
+from lidario.basics.system import NO_THREADS
 from lidario.errors import CannotRecord, LocalProtocolError
-from lidario.laserscans import LaserScans
 from lidario.port.background import start_thread
 from lidario.recording.about import About
 from lidario.recording.parts import Parts, Split, pattern_of
 from lidario.recording.write import FileWriter, cannot_write
-from lidario.scan import Scan
-from lidario.system import NO_THREADS
+from lidario.scans.laserscans import LaserScans
+from lidario.scans.scan import Scan
 
 _log = logging.getLogger("lidario")
 

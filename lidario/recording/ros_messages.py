@@ -1,6 +1,7 @@
 """The three ROS 2 messages that a recording holds: their definitions, and the encoding of the small ones.
 
-`lidario.cdr` tells what CDR is; `LaserScan.to_cdr` encodes scans. The tests compare it with an independent decoder.
+`lidario.scans.cdr` tells what CDR is; `LaserScan.to_cdr` encodes scans. The tests compare it with an independent
+decoder.
 
 The definitions are in the form that rosbag2 stores (``ros2msg``): the fields of the message, then those of each
 message type that it contains.
@@ -8,7 +9,7 @@ message type that it contains.
 
 import struct
 
-from lidario.cdr import LITTLE_ENDIAN
+from lidario.scans.cdr import LITTLE_ENDIAN
 
 RAW_TYPE = "lidario_msgs/msg/Raw"  # one chunk of bytes as it was read from the port or written to it
 TEXT_TYPE = "std_msgs/msg/String"

@@ -17,15 +17,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
 
+from lidario.basics.system import cause_of
+from lidario.basics.whole_file import not_a_file
 from lidario.errors import CannotRecord
-from lidario.laserscan import LaserScan
 from lidario.port.forked import leave_nothing, let_go_in_children
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import EventState, Placed, event_of, text_of
 from lidario.recording.ros_messages import DEFINITIONS, LASERSCAN_TYPE, RAW_TYPE, TEXT_TYPE, encode_raw, encode_text
-from lidario.scan import Scan
-from lidario.system import cause_of
-from lidario.whole_file import not_a_file
+from lidario.scans.laserscan import LaserScan
+from lidario.scans.scan import Scan
 
 RAW_TOPIC = "/lidar/raw"
 EVENTS_TOPIC = "/lidar/events"

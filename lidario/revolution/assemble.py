@@ -27,7 +27,7 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.steady import SteadyAssembler
 from lidario.revolution.timing import first_sample_ns
 from lidario.revolution.together import joined
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidario.families.base import Stream
-from lidario.measured import made_of
 from lidario.revolution.partial import SampleArrays
-from lidario.rotor import Gaps
-from lidario.samples import read_only
-from lidario.scan import Scan
+from lidario.scans.measured import made_of
+from lidario.scans.rotor import Gaps
+from lidario.scans.samples import read_only
+from lidario.scans.scan import Scan
 
 
 class DatedRevolution(NamedTuple):

@@ -17,7 +17,7 @@ from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.timing import begins_of
 from lidario.revolution.together import joined
-from lidario.sector import Sector
+from lidario.scans.sector import Sector
 from lidario.wire.blocks import Block, packet_offsets, some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import HEADING_MASK, Headings, StreamFormat

@@ -14,7 +14,7 @@ from lidario.revolution.sectors import SectorAssembler
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.together import joined, slices
 from lidario.revolution.whole import assembler_of
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.events import Arrival, Packets
 from lidario.wire.link import Link
 

@@ -18,7 +18,6 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 
 from lidario.families.base import Samples
-from lidario.measured import made_of
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.clock import NOISE, Beginning
@@ -34,9 +33,10 @@ from lidario.revolution.ended import EndedRevolution, share_before
 from lidario.revolution.partial import PartialRevolution
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
-from lidario.samples import read_only
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.measured import made_of
+from lidario.scans.samples import read_only
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK, Headings

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 
 
 @dataclass(slots=True)

@@ -25,7 +25,7 @@ from lidario.revolution.seam import Split
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.timing import byte_ns_at, earliest_ns
 from lidario.revolution.together import joined
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Packets
 

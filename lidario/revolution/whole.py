@@ -19,8 +19,8 @@ from lidario.revolution.partial import SampleArrays, part_of
 from lidario.revolution.sectors import SectorAssembler
 from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.timing import earliest_ns
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from lidario.loading import keep
 
 if TYPE_CHECKING:
-    from lidario.laserscan import LaserScan
     from lidario.network.fleet import RemoteLidar, list_remote_lidars
     from lidario.network.router import Router
     from lidario.ros.diagnostics import DiagnosticArray, DiagnosticStatus, diagnostics
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from lidario.ros.pointcloud import PointCloud2, pointcloud2
     from lidario.ros.publisher import Publisher
     from lidario.ros.share import Share
+    from lidario.scans.laserscan import LaserScan
 
 __all__ = [
     "DiagnosticArray", "DiagnosticStatus", "Fleet", "FleetScan", "LaserScan", "MergedPublisher", "PointCloud2",
@@ -30,7 +30,7 @@ __all__ = [
 ]  # fmt: skip
 
 _HOMES = {
-    "laserscan": ("LaserScan",),
+    "scans.laserscan": ("LaserScan",),
     "network.router": ("Router",),
     "network.fleet": ("RemoteLidar", "list_remote_lidars"),
     "ros.diagnostics": ("DiagnosticArray", "DiagnosticStatus", "diagnostics"),

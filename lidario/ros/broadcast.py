@@ -15,16 +15,16 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
-from lidario.arguments import finite, shown, text_of
-from lidario.entered import Entered
+from lidario.basics.arguments import finite, shown, text_of
+from lidario.basics.entered import Entered
+from lidario.basics.model import ScanMode
 from lidario.errors import Busy, ConnectFailed, InvalidValue, LidarError, LocalProtocolError, SessionClosed
-from lidario.model import ScanMode
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import Sender, Token, parse_token, status_key, token_key, tokens_of
 from lidario.network.senders import what_is_heard
 from lidario.network.status import AWAY, Status
 from lidario.recording.about import About
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.stream import next_end, until_all
 from lidario.session.talking.trouble import Trouble

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
-from lidario.cdr import CdrWriter
-from lidario.model import DeviceInfo, Health, HealthStatus, Stats
+from lidario.basics.model import DeviceInfo, Health, HealthStatus, Stats
+from lidario.scans.cdr import CdrWriter
 
 OK: Final = 0
 WARN: Final = 1

@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple, Self
 
-from lidario.arguments import shown, whole
-from lidario.entered import Entered
+from lidario.basics.arguments import shown, whole
+from lidario.basics.entered import Entered
 from lidario.errors import Busy, InvalidValue, LocalProtocolError, SessionClosed
 from lidario.network.bus import DEFAULT_ROUTER, Bus, Sample
 from lidario.network.keys import Attachment, check_key, parse_attachment, status_key
@@ -21,7 +21,7 @@ from lidario.network.senders import Senders
 from lidario.network.status import Status
 from lidario.port.background import running_loop
 from lidario.port.wall_clock import WallClock
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 
 _log = logging.getLogger("lidario")
 

@@ -7,20 +7,20 @@ from typing import Final
 
 import numpy as np
 
-from lidario.arguments import shown
-from lidario.beams import NoReturn
+from lidario.basics.arguments import shown
+from lidario.basics.model import HealthStatus
 from lidario.errors import InvalidValue
-from lidario.merging import Merged
-from lidario.model import HealthStatus
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import Sender
 from lidario.network.status import Status
-from lidario.points import Motion, Mount
 from lidario.recording.about import About
 from lidario.ros.names import POINTCLOUD2, Distro
 from lidario.ros.pointcloud import POINT, PointCloud2
 from lidario.ros.publisher import Publisher
-from lidario.scan import Scan
+from lidario.scans.beams import NoReturn
+from lidario.scans.merging import Merged
+from lidario.scans.points import Motion, Mount
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.merged import MergedStream, merged
 

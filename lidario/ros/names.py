@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
-from lidario.arguments import shown, text_of, whole
+from lidario.basics.arguments import shown, text_of, whole
 from lidario.errors import InvalidValue
 
 Distro = Literal["humble", "jazzy", "kilted", "lyrical"]

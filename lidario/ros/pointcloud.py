@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.arguments import finite, shown, text_of
-from lidario.cdr import CdrWriter
+from lidario.basics.arguments import finite, shown, text_of
 from lidario.errors import InvalidValue
-from lidario.scan import Scan
+from lidario.scans.cdr import CdrWriter
+from lidario.scans.scan import Scan
 
 POINT: Final = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("t", "<u4")])
 """One point as it is stored."""

@@ -1,9 +1,9 @@
 """A lidar as a topic of ROS 2, without ROS: what a node of rmw_zenoh_cpp would send, from plain zenoh.
 
-Scans go to a topic as ``sensor_msgs/LaserScan``, all on one grid (`lidario.laserscans`), the health once a second
-to ``/diagnostics``. slam_toolbox, nav2 and RViz take no scan of a frame of which they do not know where it is:
-where no robot description says so, it goes to ``/tf_static``. A recording that is published with the stamps of its
-day needs nodes whose clock runs by ``/clock`` (``use_sim_time``).
+Scans go to a topic as ``sensor_msgs/LaserScan``, all on one grid (`lidario.scans.laserscans`), the health once a
+second to ``/diagnostics``. slam_toolbox, nav2 and RViz take no scan of a frame of which they do not know where it
+is: where no robot description says so, it goes to ``/tf_static``. A recording that is published with the stamps of
+its day needs nodes whose clock runs by ``/clock`` (``use_sim_time``).
 """
 
 import math
@@ -13,12 +13,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, Literal
 
-from lidario.arguments import finite, shown, text_of, yes_or_no
-from lidario.beams import PRESET_YAW, BeamOrder, NoReturn, Preset
-from lidario.cdr import LITTLE_ENDIAN, CdrWriter, stamp_bytes
+from lidario.basics.arguments import finite, shown, text_of, yes_or_no
 from lidario.errors import InvalidValue
-from lidario.laserscan import LaserScan
-from lidario.laserscans import LaserScans
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import Sender
 from lidario.network.status import AWAY, Status
@@ -36,7 +32,11 @@ from lidario.ros.names import (
     Node,
     gid_of,
 )
-from lidario.scan import Scan
+from lidario.scans.beams import PRESET_YAW, BeamOrder, NoReturn, Preset
+from lidario.scans.cdr import LITTLE_ENDIAN, CdrWriter, stamp_bytes
+from lidario.scans.laserscan import LaserScan
+from lidario.scans.laserscans import LaserScans
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 
 _SEVEN: Final = struct.Struct("<7d")

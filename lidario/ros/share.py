@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Final, cast
 
-from lidario.arguments import yes_or_no
+from lidario.basics.arguments import yes_or_no
 from lidario.errors import Unsupported
 from lidario.network.bus import DEFAULT_ROUTER, Bus
 from lidario.network.keys import Sender, check_key
@@ -20,7 +20,7 @@ from lidario.recording.about import About
 from lidario.recording.chronicle import EventState, event_of
 from lidario.ros.broadcast import Broadcast
 from lidario.ros.names import gid_of
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 
 COLLECT_S: Final = 0.05  # longest time for which bytes wait to be sent; half a revolution

@@ -12,17 +12,17 @@ import os
 import weakref
 from typing import NoReturn, Self
 
-from lidario.arguments import callable_of, path_of, yes_or_no
+from lidario.basics.arguments import callable_of, path_of, yes_or_no
+from lidario.basics.entered import AsyncOnly, Held
+from lidario.basics.model import Health, ScanMode, Stats
 from lidario.config.read import LidarConfig
-from lidario.entered import AsyncOnly, Held
 from lidario.errors import LocalProtocolError, SessionClosed
-from lidario.laserscans import LaserScans
-from lidario.model import Health, ScanMode, Stats
 from lidario.port.at_exit import finalize
 from lidario.port.forked import FORKED
 from lidario.port.line import Tap
 from lidario.recording.parts import Split
 from lidario.recording.record import Recording
+from lidario.scans.laserscans import LaserScans
 from lidario.session.finding.connection import At, Connection
 from lidario.session.finding.reconnect import Reconnector
 from lidario.session.recorded import RecordedSession

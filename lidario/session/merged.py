@@ -5,15 +5,15 @@ from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from typing import Self
 
-from lidario.arguments import shown
-from lidario.entered import AsyncOnly, Held
+from lidario.basics.arguments import shown
+from lidario.basics.entered import AsyncOnly, Held
+from lidario.basics.words import counted
 from lidario.errors import Busy, InvalidValue
-from lidario.merging import OLDEST_S, Merged, MergedScans
-from lidario.points import Motion, Mount
-from lidario.scan import Scan
+from lidario.scans.merging import OLDEST_S, Merged, MergedScans
+from lidario.scans.points import Motion, Mount
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.streaming.stream import ScanStream, check_loop, until_there
-from lidario.words import counted
 
 
 class MergedStream(AsyncOnly, Held):

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import anyio
 
-from lidario.arguments import finite, shown, whole, yes_or_no
+from lidario.basics.arguments import finite, shown, whole, yes_or_no
+from lidario.basics.entered import AsyncOnly
+from lidario.basics.source import MOST_BAUD, Source, as_source
+from lidario.basics.system import cause_of, is_exhausted
 from lidario.config.read import Config, as_config
-from lidario.entered import AsyncOnly
 from lidario.errors import ConnectFailed, InvalidValue, LocalProtocolError, Unsupported
 from lidario.families.registry import check_family, check_source
 from lidario.port.background import running_loop
@@ -21,8 +23,6 @@ from lidario.session.finding.discovery import find_source, only_search, search_f
 from lidario.session.finding.reconnect import Reconnect, Reconnector
 from lidario.session.lidar import Lidar
 from lidario.session.talking.handshake import healthy
-from lidario.source import MOST_BAUD, Source, as_source
-from lidario.system import cause_of, is_exhausted
 
 if TYPE_CHECKING:
     from lidario.sim.device import SimulatedDevice
@@ -179,8 +179,8 @@ def open_lidar(
     which takes up to 4 s; where the family is not known yet, `docs/promises.md` has what cannot be stopped then.
 
     Args:
-        source: Where it is, see `lidario.source`; a path is a serial port or a recording; or a simulated device of
-            your own, which is then connected in memory and lives on the event loop's clock.
+        source: Where it is, see `lidario.basics.source`; a path is a serial port or a recording; or a simulated
+            device of your own, which is then connected in memory and lives on the event loop's clock.
         family: Name of its family; None to find out.
         baudrate: Speed of the line; None to find out.
         latency: Seconds by which a scan may be late because the port is polled only from time to time while a

@@ -10,10 +10,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TypeVar
 
-from lidario.arguments import finite, shown, whole, yes_or_no
+from lidario.basics.arguments import finite, shown, whole, yes_or_no
+from lidario.basics.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.errors import InvalidValue, RemoteProtocolError, Unsupported
 from lidario.families.base import Device, Script
-from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.session.finding.connection import At
 from lidario.session.finding.reconnect import Reconnector
 from lidario.session.streaming.modes import choose_mode, does_not_fit

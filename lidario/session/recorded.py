@@ -4,12 +4,12 @@ import secrets
 from pathlib import Path
 from weakref import WeakSet
 
+from lidario.basics.model import DeviceInfo, Health
 from lidario.filters.base import Filter
-from lidario.model import DeviceInfo, Health
 from lidario.recording.about import About
 from lidario.recording.chronicle import LineChanged, StreamEvent, moved, text_of
 from lidario.recording.record import Recording
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.scanner import Scanner
 from lidario.session.talking.dialogue import Dialogue

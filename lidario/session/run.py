@@ -16,7 +16,7 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from lidario.arguments import shown, yes_or_no
+from lidario.basics.arguments import shown, yes_or_no
 from lidario.errors import InvalidValue, LocalProtocolError
 from lidario.port.forked import let_go_in_children
 

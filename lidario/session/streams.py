@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from lidario.arguments import callable_of, parts_of, shown
+from lidario.basics.arguments import callable_of, parts_of, shown
 from lidario.config.read import LidarConfig
 from lidario.errors import InvalidValue, LocalProtocolError
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.session.questions import Questions
 from lidario.session.streaming.stream import ScanStream, SectorStream
 

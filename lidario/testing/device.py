@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterable
 
 from lidario import InvalidValue, Received, SimulatedDevice, Wall, WorldLike, simulate
-from lidario.arguments import number, shown, text_of
+from lidario.basics.arguments import number, shown, text_of
 from lidario.sim.faults import parse_faults
 from lidario.sim.memory import MemoryLine
 from lidario.testing.clock import FAST, clock_of

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import Wall
-from lidario.arguments import finite, whole
+from lidario.basics.arguments import finite, whole
 from lidario.sim.rooms import furnished_room
 from lidario.sim.world import NOISES, Floats, drawn, to_wall
 from lidario.testing.surroundings import segments, table_of

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Scan, Sector
-from lidario.arguments import MODERATE, finite, moderate, nanoseconds, parts_of, shown, whole
+from lidario.basics.arguments import MODERATE, finite, moderate, nanoseconds, parts_of, shown, whole
 
 _Columns: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None]
 

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 
 from lidario import RecordingError, Scan, decode_file
-from lidario.arguments import path_of
+from lidario.basics.arguments import path_of
 
 
 class RecordedLidar:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidario import InvalidValue, Wall
-from lidario.arguments import MODERATE, finite, moderate, shown, whole
+from lidario.basics.arguments import MODERATE, finite, moderate, shown, whole
 from lidario.sim.world import Floats, Segment, World, cast, hidden, segments_of
 
 

@@ -15,7 +15,7 @@ from benchmarks.truth_score import Score, score
 from benchmarks.truth_streams import TrueStream, true_stream
 from benchmarks.truth_vendor import by_vendor
 from benchmarks.truth_ways import WAYS, Received, receive
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.reference import ldrobot, rplidar, ydlidar
 
 AT_ONCE = (3e-4, 6e-4)

@@ -10,11 +10,11 @@ from typing import cast
 import pytest
 
 from lidario import simulate
+from lidario.basics.source import parse_source
 from lidario.cli.sim import name_of, server_of, sum_up
 from lidario.families.registry import FAMILIES
 from lidario.sim.faults import FAULTS, Faults, parse_faults
 from lidario.sim.serve import PtyServer
-from lidario.source import parse_source
 from tests.cli.processes import end, invoke, run, started
 from tests.support.children import BOUND, line_of
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from lidario.basics.model import ScanMode
 from lidario.families.base import Device, Family, Known
 from lidario.families.registry import FAMILIES, family_named, family_of_simulated
-from lidario.model import ScanMode
 from tests.support.families import ABOUT
 
 TESTS = Path(__file__).resolve().parent.parent

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from lidario.basics.model import Health, HealthStatus
 from lidario.families.camsense import TALKERS as CAMSENSE
 from lidario.families.hlds import TALKERS as HLDS
 from lidario.families.hlds.simulated import pack_packet as hlds
@@ -20,7 +21,6 @@ from lidario.families.neato.simulated import pack_packet as neato
 from lidario.families.registry import family_of_simulated
 from lidario.families.talking import TalkingDevice, TalkingModel
 from lidario.families.ydlidar.models import MODELS as YDLIDAR
-from lidario.model import Health, HealthStatus
 from tests.support.scripts import played
 from tests.support.streams import in_one_run
 

@@ -1,4 +1,4 @@
-"""Every argument of every filter as a call with one value, for `tests/test_arguments.py`."""
+"""Every argument of every filter as a call with one value, for `tests/basics/test_arguments.py`."""
 
 import inspect
 from collections.abc import Callable

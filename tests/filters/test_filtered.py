@@ -22,8 +22,8 @@ from lidario.filters import (
     RangeFilter,
     ShadowsFilter,
 )
-from lidario.measured import MeasuredSamples, changed
 from lidario.network.messages import encode_scan, parse_scan
+from lidario.scans.measured import MeasuredSamples, changed
 from lidario.testing import make_scan, make_sector
 from tests.filters.test_rules import scans
 from tests.support.cases import CASES, Case

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from zlib import crc32
 
-from lidario.model import DeviceInfo, ScanMode
+from lidario.basics.model import DeviceInfo, ScanMode
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEvent, ZeroOffsetSet, text_of
 from tests.support.cases import CASES

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.fuzz.checks import check_scan
 from tests.reference import ydlidar
 from tests.support.cases import KINDS, Case

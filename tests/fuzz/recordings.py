@@ -18,8 +18,8 @@ from pathlib import Path
 from zlib import crc32
 
 import lidario
+from lidario.basics.model import DeviceInfo, ScanMode
 from lidario.families.registry import family_named
-from lidario.model import DeviceInfo, ScanMode
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.recording.decode_file import FileDecoder

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from lidario.basics.source import parse_source
 from lidario.errors import ConnectFailed
 from lidario.families.registry import check_source
 from lidario.families.rplidar import commands as rplidar
 from lidario.sim.faults import parse_faults
-from lidario.source import parse_source
 from lidario.wire.envelope import Request
 from lidario.wire.events import Packets
 from lidario.wire.link import Link

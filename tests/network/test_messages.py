@@ -13,9 +13,8 @@ import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from lidario.basics.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.errors import InvalidValue
-from lidario.laserscan import LaserScan
-from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.network.keys import Attachment, Token, check_key, parse_attachment, parse_token, token_key
 from lidario.network.messages import (
     Entry,
@@ -28,10 +27,11 @@ from lidario.network.messages import (
 from lidario.network.status import Status
 from lidario.recording.about import About
 from lidario.recording.chronicle import Responded, StreamBegan, StreamEnded
-from lidario.scan import Scan
+from lidario.scans.laserscan import LaserScan
+from lidario.scans.scan import Scan
+from tests.scans.test_scan import FOUR
 from tests.support.recorded import same_scan
 from tests.support.sweep import sweep
-from tests.test_model import FOUR
 
 OFFSET_NS = 10**18
 INFO = DeviceInfo("rplidar", "S2", 0x71, "1.02", 18, "AB12")

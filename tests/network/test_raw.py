@@ -26,7 +26,7 @@ from lidario.recording.about import About
 from lidario.recording.chronicle import MOST_NS, Responded, StreamBegan, StreamEnded, ZeroOffsetSet, text_of
 from lidario.revolution.together import join_reads
 from lidario.ros.share import RawFeed
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.support.loop import driven, run_driven
 
 MODELS = ("rplidar-s2", "ydlidar-4ros", "ldrobot-ld06")

@@ -16,7 +16,7 @@ from lidario.network.keys import Attachment
 from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, FleetScan
 from tests.network.test_bus import Bytes, Session
-from tests.test_model import FOUR
+from tests.scans.test_scan import FOUR
 
 LIDARS = 32
 TURN_MS = 100

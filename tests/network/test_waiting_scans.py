@@ -9,7 +9,7 @@ import pytest
 from lidario.ros import fleet
 from lidario.ros.fleet import FleetScan, WaitingScans
 from lidario.testing import make_scan
-from tests.test_model import FOUR
+from tests.scans.test_scan import FOUR
 
 
 def test_a_slow_reader_sees_the_latest_of_every_lidar_and_what_is_missing() -> None:

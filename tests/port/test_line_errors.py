@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from lidario.model import LineErrors
+from lidario.basics.model import LineErrors
 from lidario.port.adapter import count_errors
 from lidario.port.serial import open_serial
 from tests.support.drivers import FakeDriver

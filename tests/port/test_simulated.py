@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from lidario import DeviceLost, open_lidar
+from lidario.basics.source import parse_source
 from lidario.errors import ConnectFailed
 from lidario.port.port import Port
 from lidario.port.serial import open_serial
 from lidario.port.simulated import Simulation, connect_in_memory, make_device
 from lidario.sim.serve import usual_way
-from lidario.source import parse_source
 from tests.support.devices import both_families, make_rig
 from tests.support.leaks import leaves_nothing
 from tests.support.loop import driven, run_driven, until

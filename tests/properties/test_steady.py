@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from benchmarks.streams import KINDS, Kind, recording
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.events import Packets
 from lidario.wire.link import Link
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidario.revolution.assemble import Assembler
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.events import Packets
 from tests.support.cases import CASES, Case
 from tests.support.streams import cut_up, open_stream, stream_of

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import lidario
+from lidario.basics.source import Source
 from lidario.recording import files
 from lidario.recording.read import StoredStreams
-from lidario.source import Source
 from tests.support.loop import driven, run_driven
 from tests.support.recorded import record
 

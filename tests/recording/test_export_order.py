@@ -7,10 +7,10 @@ import pytest
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from lidario.laserscans import LaserScans
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.write import SCAN_TOPIC
+from lidario.scans.laserscans import LaserScans
 from tests.support.recorded import record
 
 

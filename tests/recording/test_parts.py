@@ -22,7 +22,7 @@ from lidario.errors import InvalidValue, RecordingError
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.ros_messages import parse_raw
 from lidario.recording.write import RAW_TOPIC
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 from tests.support.loop import driven
 from tests.support.recorded import Live, assert_same_scans, replayed

@@ -17,7 +17,7 @@ import pytest
 
 import lidario
 from lidario.recording.decode_file import FileDecoder
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.support.devices import some
 from tests.support.loop import driven, run_driven
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import lidario
+from lidario.basics.model import ScanMode
 from lidario.families.registry import family_named
-from lidario.model import ScanMode
 from lidario.recording import files
 from lidario.recording.decode_file import FileDecoder
 from lidario.recording.export import export_mcap
 from lidario.recording.played import PlayedDevice
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.wire.envelope import encode_descriptor
 from lidario.wire.events import Descriptor

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import lidario
-from lidario.model import DeviceInfo
+from lidario.basics.model import DeviceInfo
 from lidario.recording.about import About
 from lidario.recording.parts import Parts, Split
 from tests.support.devices import scanning

@@ -15,7 +15,7 @@ from lidario import decode
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.clock import Beginning, RevolutionClock
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.support.cases import CASES, KINDS, Case
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
 from tests.support.streams import arrived, in_one_run, stream_of

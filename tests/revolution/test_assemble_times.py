@@ -14,7 +14,7 @@ from lidario.revolution.ended import EndedRevolution
 from lidario.revolution.partial import PartialRevolution, SampleArrays
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.timing import first_sample_ns
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from tests.support.cases import KINDS

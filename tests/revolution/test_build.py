@@ -11,7 +11,7 @@ import pytest
 from lidario.filters import RangeFilter
 from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.partial import SampleArrays
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.support.cases import CASES
 from tests.support.streams import stream_of
 

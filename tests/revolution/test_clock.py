@@ -10,7 +10,7 @@ import pytest
 from benchmarks.streams import KINDS as STEADY
 from benchmarks.streams import capture
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from tests.support.streams import in_one_run
 

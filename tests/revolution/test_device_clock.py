@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from lidario.basics.model import ScanMode
 from lidario.families.base import Stream
 from lidario.families.ldrobot import BEAM
 from lidario.families.ldrobot.simulated import pack_points
-from lidario.model import ScanMode
 from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.device_clock import DeviceClock, StampReader
 from lidario.wire.events import Packets

@@ -12,7 +12,7 @@ from lidario.families.base import Known
 from lidario.recording.offline import OfflineDecoder
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.doubled import MOST_ALIKE, without
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from tests.support.cases import KINDS, Case

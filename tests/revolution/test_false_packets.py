@@ -13,7 +13,7 @@ from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.false_packets import FalsePackets
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.formats import HEADING_MASK
 from tests.support.cases import KINDS, Case, named
 from tests.support.numbered import BAUD, DENSE, TURN, assemble, numbered, numbers, on_time

@@ -9,8 +9,8 @@ from benchmarks import damage
 from benchmarks.streams import KINDS, capture
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.fuzz.checks import check_scan
 from tests.revolution.test_known_truth import scored

@@ -9,7 +9,7 @@ from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.revolution.late_reads import dated_within
 from lidario.revolution.partial import PartialRevolution
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import packet_offsets
 from tests.support.streams import arrived
 

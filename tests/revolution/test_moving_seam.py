@@ -17,8 +17,8 @@ from lidario.families.rplidar.simulated.packers import pack_standard
 from lidario.families.ydlidar.simulated.packers import pack_points, start_control
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.sectors import SectorAssembler
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.wire.blocks import Block, join_blocks
 from lidario.wire.events import Packets
 from tests.support.cases import CASES, Case

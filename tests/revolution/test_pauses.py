@@ -18,7 +18,7 @@ from lidario.revolution.clock import NOISE
 from lidario.revolution.pauses import Pauses
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.stats import AssemblerStats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import Block
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets

@@ -11,7 +11,7 @@ from benchmarks import truth_cases
 from benchmarks.truth_streams import TrueStream
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.revolution.test_known_truth import scored
 from tests.support.cases import CASES, Case
 from tests.support.numbered import BAUD, SAMPLE_NS, TURN, on_time

@@ -18,7 +18,7 @@ from lidario.families.spans import Heads
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.sample_time import SampleTime
 from lidario.revolution.sectors import SectorAssembler
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from lidario.wire.events import Packets
 from tests.support.cases import CASES, Case

@@ -22,8 +22,8 @@ from lidario.families.arcs import ArcDecoder
 from lidario.families.base import Samples
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.wire.events import Packets
 from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.harm import messes

@@ -11,12 +11,12 @@ import lidario
 from lidario.network.keys import Attachment
 from lidario.network.messages import encode_scan
 from lidario.ros import Fleet, FleetScan, Share
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
+from tests.scans.test_scan import FOUR
 from tests.support.loop import until
 from tests.support.network import BOUND_S, Rig, publish_in_vain
 from tests.support.refused import refused
 from tests.support.router import Router, client
-from tests.test_model import FOUR
 
 
 @pytest.mark.long

@@ -12,8 +12,8 @@ import pytest
 
 import lidario
 from lidario import InvalidValue, Mount, read_config
+from lidario.basics.model import DeviceInfo, Health, HealthStatus
 from lidario.filters import BoxFilter
-from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.ros import MergedPublisher
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, POINTCLOUD2, Node

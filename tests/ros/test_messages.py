@@ -11,12 +11,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from lidario.laserscan import LaserScan
-from lidario.model import DeviceInfo, Health, HealthStatus, Stats
+from lidario.basics.model import DeviceInfo, Health, HealthStatus, Stats
 from lidario.ros.diagnostics import ERROR, OK, WARN, DiagnosticArray, DiagnosticStatus, diagnostics
 from lidario.ros.pointcloud import POINT, PointCloud2, pointcloud2
+from lidario.scans.laserscan import LaserScan
+from tests.scans.test_scan import FOUR
 from tests.support.sweep import check, sweep
-from tests.test_model import FOUR
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 SEVEN = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")

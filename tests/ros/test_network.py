@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from lidario.errors import Unsupported
-from lidario.laserscan import LaserScan
 from lidario.network.bus import Sample
 from lidario.network.handover import Handover
 from lidario.network.keys import parse_attachment
 from lidario.ros import Publisher, list_remote_lidars
 from lidario.ros.names import DIAGNOSTICS, LASERSCAN, Node, gid_of
+from lidario.scans.laserscan import LaserScan
 from tests.support.loop import until
 from tests.support.messages import decoded
 from tests.support.network import BOUND_S, Rig, zid_in

@@ -16,10 +16,10 @@ import pytest
 from zenoh import ext
 
 import lidario
-from lidario.beams import BeamOrder, Preset
 from lidario.ros import Publisher
 from lidario.ros.names import LASERSCAN, TF_MESSAGE, Node
-from lidario.scan import Scan
+from lidario.scans.beams import BeamOrder, Preset
+from lidario.scans.scan import Scan
 from lidario.testing import SimulatedLidar, make_scan
 from tests.cli.processes import invoke
 from tests.reference.nodes import SlamToolbox, laser_geometry, moved

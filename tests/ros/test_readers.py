@@ -10,16 +10,16 @@ import pytest
 from mcap.reader import make_reader
 
 import lidario
+from lidario.basics.model import Health, HealthStatus
 from lidario.errors import CannotRecord, ConnectFailed, Unsupported
-from lidario.model import Health, HealthStatus
 from lidario.network.bus import Bus
 from lidario.network.status import Status
 from lidario.ros import Publisher, Share
+from tests.scans.test_scan import FOUR
 from tests.support.loop import until
 from tests.support.network import BOUND_S, Rig, publish_in_vain, publisher_of
 from tests.support.recorded import assert_same_scans
 from tests.support.router import Router
-from tests.test_model import FOUR
 
 pytestmark = pytest.mark.long
 DESCRIPTOR = b"\xa5\x5a"

@@ -12,9 +12,9 @@ import pytest
 import lidario
 from lidario.errors import ConnectFailed
 from lidario.ros import Fleet, Share, list_remote_lidars
+from tests.scans.test_scan import FOUR
 from tests.support.pages import blocks
 from tests.support.router import Router
-from tests.test_model import FOUR
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fleets.md").read_text(encoding="utf-8")
 SIM = "sim://rplidar-s2?via=memory"

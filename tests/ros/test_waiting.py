@@ -15,13 +15,13 @@ from lidario.errors import ConnectFailed, LocalProtocolError
 from lidario.network.bus import Bus
 from lidario.ros import Share
 from tests.cli.processes import invoke, served
+from tests.scans.test_scan import FOUR
 from tests.support import children
 from tests.support.children import BOUND, line_of
 from tests.support.children import until as soon
 from tests.support.loop import until
 from tests.support.network import publisher_of
 from tests.support.router import Router
-from tests.test_model import FOUR
 
 SIM = "sim://rplidar-s2?via=memory"
 UNKNOWN = f"tcp/{'a' * 64}:7447"

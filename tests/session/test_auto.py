@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from lidario import list_lidars, open_lidar
+from lidario.basics.source import parse_source
 from lidario.families.registry import family_named
 from lidario.port.simulated import connect_in_memory
 from lidario.session.finding import listening
 from lidario.session.finding.asking import Attempt, Woken, find_by_dtr
 from lidario.session.finding.connect import connect
 from lidario.sim.line import TransmitQueue
-from lidario.source import parse_source
 from tests.support.devices import hears_only, left_still, make_rig
 from tests.support.loop import now, now_ns
 from tests.support.speeds import plugged_in, serial_in_memory

@@ -16,8 +16,8 @@ from typing import cast
 import pytest
 
 from lidario import Lidar, LidarError, ResponseTimeout, run
+from lidario.basics.model import LineErrors
 from lidario.families.rplidar.formats import DenseFormat
-from lidario.model import LineErrors
 from lidario.port.inbox import Late
 from lidario.port.port import Port
 from lidario.port.turns import TURN_NS

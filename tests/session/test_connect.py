@@ -5,18 +5,18 @@ from typing import Any
 
 import pytest
 
-from lidario import Lidar, list_lidars, open_lidar
+from lidario import ConnectFailed, Lidar, list_lidars, open_lidar
+from lidario.basics.model import LineErrors
+from lidario.basics.source import as_source
 from lidario.families.camsense.simulated import pack_packet as pack_camsense
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.simulated.packers import pack_dense
-from lidario.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.simulated import connect_in_memory
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import ReceivedInSilence
 from lidario.sim.serve import PtyServer
-from lidario.source import as_source
 from tests.support.devices import make_rig
 from tests.support.refused import refused
 from tests.support.speeds import plugged_in

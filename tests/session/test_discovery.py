@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from lidario import ConnectFailed, DeviceInfo, list_serial_ports
+from lidario.basics.source import parse_source
 from lidario.families.adapters import ADAPTERS
 from lidario.session.finding.discovery import Found, PortInfo, find_source
-from lidario.source import parse_source
 from tests.support.refused import refused
 
 

@@ -15,7 +15,7 @@ from benchmarks.floods.bytes import blob
 from lidario import DeviceLost
 from lidario.port.turns import MOST_WAITING, TURN_NS
 from lidario.revolution.assemble import Assembler
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.talking.intake import IDLE_SLICE
 from lidario.wire.link import Link
 from tests.support.devices import Rig, make_rig, scanning

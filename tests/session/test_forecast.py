@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidario.revolution.sectors import SectorAssembler
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.streaming.forecast import Forecast
 from lidario.wire.blocks import Block
 from tests.support.cases import CASES, KINDS, Case, named

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from lidario.port.diagnose import holders
+from lidario.port.simulation import simulate
 from lidario.sim.serve import PtyServer, TcpServer, UdpServer
-from lidario.simulation import simulate
 from tests.cli.processes import served
 from tests.session.test_guarded import scan_once
 from tests.support.children import (

@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pytest
 
-from lidario.model import LineErrors
+from lidario.basics.model import LineErrors
 from lidario.port.port import Port
 from tests.cli.processes import invoke_driven
 from tests.support.cable import next_after, on_a_cable

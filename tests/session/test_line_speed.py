@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 
 from lidario import InvalidValue, Unsupported
+from lidario.basics.source import parse_source
 from lidario.families.registry import FAMILIES
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.session.finding.connect import connect
 from lidario.session.streaming.modes import does_not_fit
-from lidario.source import parse_source
 from tests.support.devices import Rig, names, scanning
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 import lidario
+from lidario.basics.source import parse_source
+from lidario.basics.system import real_path
 from lidario.port.guard import wait_for_guard
 from lidario.session.finding.places import Places
-from lidario.source import parse_source
-from lidario.system import real_path
 from tests.support.devices import EVERY_FAMILY, left_still, make_rig
 
 

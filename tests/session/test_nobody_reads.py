@@ -12,8 +12,8 @@ from functools import partial
 import pytest
 
 from lidario import LidarError, Unsupported
+from lidario.basics.model import HealthStatus
 from lidario.families.ydlidar.simulated.device import PROFILES
-from lidario.model import HealthStatus
 from lidario.session.lidar import Lidar
 from tests.support.devices import EVERY_KIND, Rig, call, is_off, left_still, make_rig, names, take
 from tests.support.discards import all_obeyed

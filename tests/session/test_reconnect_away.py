@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from lidario import DeviceLost, InvalidValue, LidarError, Reconnect, SessionClosed
+from lidario.basics.source import Source
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.places import Places
 from lidario.session.talking.dialogue import Dialogue
-from lidario.source import Source
 from tests.support.cable import cable_to, next_after, on_a_cable
 from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, scanning, take
 from tests.support.loop import now, now_ns

@@ -11,11 +11,11 @@ import pytest
 
 import lidario
 from lidario import InvalidValue, Lidar, Scan, Sector
-from lidario.arguments import parts_of
-from lidario.blocking import open_sync
+from lidario.basics.arguments import parts_of
 from lidario.port.line import Schedule
 from lidario.port.port import Port
 from lidario.revolution.whole import sectors_of
+from lidario.sync.lidar import open_sync
 from tests.support.cable import on_a_cable
 from tests.support.devices import EVERY_FAMILY, Rig, left_still, make_rig, some
 from tests.support.loop import now, run_driven

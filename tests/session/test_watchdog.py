@@ -5,7 +5,7 @@ import math
 import pytest
 
 from lidario import ScanStream
-from lidario.model import LineErrors
+from lidario.basics.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble

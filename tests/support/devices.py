@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lidario import NetworkAddress, ScanStream, StreamFailed
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import OpenLidar, open_lidar
 from tests.support.discards import PROTECTED

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.reference import damage
 from tests.support.cases import Case
 from tests.support.streams import assembled, feed

@@ -11,8 +11,8 @@ from weakref import ref
 
 import pytest
 
+from lidario.basics.model import Stats
 from lidario.families.base import Stream
-from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.finding.connection import At
 from lidario.session.lidar import Lidar

@@ -12,7 +12,7 @@ from lidario.families.ydlidar.simulated.device import Simulated4Ros
 from lidario.network.bus import Bus
 from lidario.network.keys import Sender
 from lidario.ros import Publisher, Share
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.support.router import Router
 
 BOUND_S = 30.0

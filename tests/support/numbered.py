@@ -10,7 +10,7 @@ import numpy as np
 
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.support.cases import CASES
 from tests.support.streams import arrived, stream_of
 

@@ -30,9 +30,9 @@ from typing import Any, NamedTuple
 import click
 import pytest
 
+from lidario.basics.source import Source, as_source
 from lidario.cli.main import cli
 from lidario.cli.output import Worker
-from lidario.source import Source, as_source
 from lidario.testing.clock import clock_of
 from tests.cli.processes import call_at_once, invoke
 from tests.support.inner import ASYNCIO_INI, forgetting, run_pytest

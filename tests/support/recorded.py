@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidario.model import DeviceInfo, Health, ScanMode, Stats
-from lidario.scan import Scan
+from lidario.basics.model import DeviceInfo, Health, ScanMode, Stats
+from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
 from lidario.session.opening import open_lidar
 from tests.support.loop import run_driven

@@ -2,9 +2,9 @@
 
 import struct
 
+from lidario.basics.model import ScanMode
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
 from lidario.families.rplidar.device import RplidarDevice
-from lidario.model import ScanMode
 from tests.support.scripts import drive
 
 SERIAL = bytes(range(0xA0, 0xB0))

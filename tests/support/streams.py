@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import accumulate, cycle, pairwise
 from typing import NamedTuple
 
+from lidario.basics.model import ScanMode
 from lidario.families.base import Stream
-from lidario.model import ScanMode
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import Block, join_blocks, packet_offsets
 from lidario.wire.events import Descriptor, Event, Packets
 from lidario.wire.formats import StreamFormat, Stretch

@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lidario.beams import BeamOrder
-from lidario.laserscan import LaserScan
-from lidario.scan import Scan
-from tests.test_model import scan
+from lidario.scans.beams import BeamOrder
+from lidario.scans.laserscan import LaserScan
+from lidario.scans.scan import Scan
+from tests.scans.test_scan import scan
 
 EVERY_MS = 1e6
 ORDERS: tuple[BeamOrder, ...] = ("counter-clockwise", "measured")

@@ -8,7 +8,7 @@ import numpy as np
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.families.ydlidar.simulated.packers import pack_points
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.support.cases import CASES
 from tests.support.streams import in_one_run, stream_of
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lidario import Mount, read_config, save_config
+from lidario.basics.model import DeviceInfo
 from lidario.filters import AngularBoundsFilter, BoxFilter, ShadowsFilter
-from lidario.model import DeviceInfo
 from lidario.testing import make_scan
 from lidario.web.feed import Feed
 from lidario.web.masks import Masks

@@ -8,7 +8,7 @@ characters before it, its low six bits plus 30 hexadecimal (SCIP 2.0 specificati
 
 from typing import Final, NamedTuple
 
-from lidario.arguments import printable
+from lidario.basics.arguments import printable
 from lidario.errors import RemoteProtocolError
 from lidario.families.base import Script
 from lidario.wire.envelope import Expected, Request

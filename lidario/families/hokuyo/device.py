@@ -10,6 +10,7 @@ the first and the last step do: each kind of model has its own.
 import re
 from typing import Final
 
+from lidario.basics.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Decoder, Device, Known, RawStream, Script, Stream, raw_stream
 from lidario.families.hokuyo.commands import (
@@ -27,7 +28,6 @@ from lidario.families.hokuyo.commands import (
 from lidario.families.hokuyo.decode import BlockDecoder
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat, range_of
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
-from lidario.model import DeviceInfo, Health, HealthStatus, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat

@@ -11,11 +11,11 @@ and 0x85, S3 for 0x86 (S-series interface manual, figure 3-3, and logs of device
 import re
 from typing import Final
 
+from lidario.basics.model import ScanMode
 from lidario.families.base import Decoder, Family, Known, RawStream, Timing, raw_stream
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.device import RplidarDevice
 from lidario.families.rplidar.formats import FORMATS
-from lidario.model import ScanMode
 from lidario.wire.envelope import DESCRIPTOR_MAGIC
 from lidario.wire.formats import StreamFormat
 

@@ -17,14 +17,14 @@ from dataclasses import replace
 from ipaddress import AddressValueError, IPv4Address
 from typing import Final
 
-from lidario.arguments import printable
+from lidario.basics.arguments import printable
+from lidario.basics.model import NetworkAddress, ScanMode
 from lidario.errors import InvalidValue, RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script
 from lidario.families.rplidar import commands
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.scripts import agreed
-from lidario.model import NetworkAddress, ScanMode
 from lidario.wire.envelope import Request
 
 MODE_LIMIT: Final = 64  # mode numbers that are tried; devices have two to five modes, numbered from 0, with gaps

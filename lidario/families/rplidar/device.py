@@ -10,6 +10,7 @@ import struct
 from dataclasses import replace
 from typing import Final
 
+from lidario.basics.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Script, Stream
 from lidario.families.rplidar import commands
@@ -20,7 +21,6 @@ from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.motor import MotorDriven
 from lidario.families.rplidar.speed import change_speed
 from lidario.families.scripts import agreed, health_of
-from lidario.model import DeviceInfo, Health, NetworkAddress, SampleRate, ScanMode
 from lidario.wire.envelope import Request
 
 SERIES: Final = ((12, "M"), (9, "T"), (6, "S"), (4, "C"), (1, "A"))  # (first major number, letter), highest first

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from lidario.arguments import finite
+from lidario.basics.arguments import finite
 from lidario.errors import InvalidValue, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Script
 from lidario.families.rplidar import commands

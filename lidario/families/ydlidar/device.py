@@ -26,6 +26,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
+from lidario.basics.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.errors import RemoteProtocolError, ResponseTimeout, Unsupported
 from lidario.families.base import Device, Keepalive, Script, Stream, T
 from lidario.families.scripts import (
@@ -42,7 +43,6 @@ from lidario.families.scripts import (
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.models import FOUR_ROS, MODELS, ONE_WAY, Model, model_of
 from lidario.families.ydlidar.raw import turn_in
-from lidario.model import DeviceInfo, Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
 from lidario.wire.formats import StreamFormat

@@ -13,8 +13,8 @@ not tell its model: it is always taken for an X2 unless a user names it, as in `
 from dataclasses import dataclass
 from typing import Final
 
+from lidario.basics.model import ScanMode
 from lidario.families.ydlidar.decode import KINDS, Kind
-from lidario.model import ScanMode
 
 
 @dataclass(frozen=True, slots=True)

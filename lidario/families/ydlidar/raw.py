@@ -14,11 +14,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from lidario.basics.model import ScanMode
 from lidario.families.base import Decoder, Known, RawStream, raw_stream, runs_in
 from lidario.families.ydlidar.decode import KINDS
 from lidario.families.ydlidar.formats import FORMATS, FULL_TURN_Q6, INFO_HEADER, START_BIT, PointCloud, packet_heads
 from lidario.families.ydlidar.models import MODELS, Model
-from lidario.model import ScanMode
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 from lidario.wire.link import Link

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import anyio
 
+from lidario.basics.source import Source
 from lidario.errors import ConnectFailed, DeviceLost
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES, families_of_model, family_named, family_of_simulated
@@ -26,7 +27,6 @@ from lidario.session.finding.connection import Connection, connect_recording, co
 from lidario.session.finding.listening import LAST_AT, ReceivedInSilence, adapter_of
 from lidario.session.finding.search import Search
 from lidario.session.talking.dialogue import Dialogue
-from lidario.source import Source
 
 if TYPE_CHECKING:
     from lidario.port.simulated import Simulation

@@ -10,13 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from lidario.basics.model import DeviceInfo
+from lidario.basics.source import Source
 from lidario.families.base import Family
-from lidario.model import DeviceInfo
 from lidario.port.at_exit import finalize
 from lidario.port.background import run_in_thread
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.trouble import Trouble
-from lidario.source import Source
 
 if TYPE_CHECKING:
     from lidario.recording.device import RecordedDevice

@@ -21,15 +21,15 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from lidario.arguments import path_of, shown
+from lidario.basics.arguments import path_of, shown
+from lidario.basics.model import DeviceInfo
+from lidario.basics.source import Source
 from lidario.errors import ConnectFailed, ConnectReason, InvalidValue, LidarError
 from lidario.families.adapters import ADAPTERS
 from lidario.families.registry import FAMILIES
-from lidario.model import DeviceInfo
 from lidario.port.background import run_in_thread, running_loop
 from lidario.session.finding.connect import connect
 from lidario.session.finding.listening import BY_ID
-from lidario.source import Source
 
 _log = logging.getLogger("lidario")
 

@@ -21,14 +21,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from lidario.basics.model import LineErrors
+from lidario.basics.source import Source, quoted
+from lidario.basics.words import counted
 from lidario.errors import ConnectFailed
 from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
-from lidario.model import LineErrors
 from lidario.port.port import Port
-from lidario.source import Source, quoted
 from lidario.wire.formats import StreamFormat
-from lidario.words import counted
 
 BY_ID: Final = Path("/dev/serial/by-id")
 """Where adapters have names that last."""

@@ -15,10 +15,10 @@ has responded, or nothing for a long time, is not asked again until it has been 
 import os
 from typing import TypeAlias
 
+from lidario.basics.source import Source
+from lidario.basics.system import real_path
 from lidario.port.background import run_in_thread
 from lidario.session.finding import discovery
-from lidario.source import Source
-from lidario.system import real_path
 
 MOST_IN_VAIN = 15
 """How often a port that nobody has named is asked in vain. That takes longer than a lidar boots (8 s)."""

@@ -24,10 +24,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from lidario.arguments import finite, number, shown
+from lidario.basics.arguments import finite, number, shown
+from lidario.basics.model import Health
+from lidario.basics.source import Source
 from lidario.errors import ConnectFailed, DeviceLost, InvalidValue, LidarError, LocalProtocolError
 from lidario.families.base import Device, Script
-from lidario.model import Health
 from lidario.port.background import begin_task
 from lidario.session.finding.connect import connect
 from lidario.session.finding.connection import Connection
@@ -35,7 +36,6 @@ from lidario.session.finding.places import Places
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import healthy
 from lidario.session.talking.trouble import mistake_of_ours, twin_of
-from lidario.source import Source
 
 if TYPE_CHECKING:
     from lidario.port.simulated import Simulation

@@ -9,8 +9,8 @@ import logging
 import math
 from collections.abc import Callable
 
+from lidario.basics.model import ScanMode
 from lidario.errors import DeviceLost, LidarError, ResponseTimeout, StreamFailed, Unsupported
-from lidario.model import ScanMode
 from lidario.port.diagnose import is_pseudo_terminal
 from lidario.revolution.assemble import AssemblerStats
 from lidario.session.finding.connection import At

@@ -28,6 +28,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 
+from lidario.basics.model import Health, HealthStatus
 from lidario.errors import (
     DeviceFault,
     DeviceLost,
@@ -37,7 +38,6 @@ from lidario.errors import (
     SessionClosed,
     StreamFailed,
 )
-from lidario.model import Health, HealthStatus
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.line_changes import LineWatch

@@ -11,7 +11,7 @@ as the revolution became shorter. Nothing else depends on the prediction.
 import math
 
 from lidario.families.base import Stream
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 
 BITS_A_BYTE = 10
 """On a serial line with one start and one stop bit."""

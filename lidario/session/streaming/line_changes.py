@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Literal, Self, TypeAlias
 
-from lidario.entered import Held
+from lidario.basics.entered import Held
 from lidario.session.streaming.stream import Mailbox, check_loop
 
 LineState: TypeAlias = Literal["connected", "away", "back", "ended"]

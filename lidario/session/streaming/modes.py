@@ -4,10 +4,10 @@ import math
 from numbers import Integral
 from typing import NamedTuple
 
-from lidario.arguments import shown
+from lidario.basics.arguments import shown
+from lidario.basics.model import ScanMode
 from lidario.errors import Unsupported
 from lidario.families.base import Device
-from lidario.model import ScanMode
 from lidario.session.streaming.forecast import BITS_A_BYTE
 
 

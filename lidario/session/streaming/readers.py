@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from lidario.errors import LidarError
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.session.streaming.stream import Mailbox
 from lidario.session.talking.trouble import twin_of
 

@@ -15,9 +15,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
+from lidario.basics.model import Stats
+from lidario.basics.words import counted
 from lidario.errors import LidarError
 from lidario.families.base import Keepalive, Stream
-from lidario.model import Stats
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.session.finding.connection import At
@@ -27,7 +28,6 @@ from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.trouble import mistake_of_ours
 from lidario.wire.events import Packets
 from lidario.wire.stats import LinkStats
-from lidario.words import counted
 
 _log = logging.getLogger("lidario")
 

@@ -19,12 +19,12 @@ from typing import Any, TypeVar
 
 import anyio
 
+from lidario.basics.model import ScanMode
 from lidario.errors import DeviceLost, LidarError
 from lidario.families.base import Script
-from lidario.measured import changed
-from lidario.model import ScanMode
 from lidario.revolution.whole import sectors_of
-from lidario.scan import Scan
+from lidario.scans.measured import changed
+from lidario.scans.scan import Scan
 from lidario.session.finding.connection import At
 from lidario.session.streaming.control import StreamControl
 from lidario.session.streaming.failures import Failures

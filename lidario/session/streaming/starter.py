@@ -5,7 +5,7 @@ It runs while there is something to do: readers wait to be let in, a stream is t
 
 import asyncio
 
-from lidario.arguments import shown
+from lidario.basics.arguments import shown
 from lidario.errors import LidarError, LocalProtocolError, Unsupported
 from lidario.port.background import begin_task
 from lidario.session.finding.connection import At

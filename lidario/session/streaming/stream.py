@@ -18,13 +18,13 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 
-from lidario.arguments import shown, whole, yes_or_no
-from lidario.entered import AsyncOnly, Held
+from lidario.basics.arguments import shown, whole, yes_or_no
+from lidario.basics.entered import AsyncOnly, Held
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
-from lidario.measured import changed
 from lidario.port.forked import FORKED
-from lidario.scan import Scan
-from lidario.sector import Sector
+from lidario.scans.measured import changed
+from lidario.scans.scan import Scan
+from lidario.scans.sector import Sector
 from lidario.session.talking.trouble import twin_of
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import asyncio
 import logging
 from dataclasses import replace
 
+from lidario.basics.model import DeviceInfo, Health, HealthStatus
 from lidario.errors import DeviceFault, ResponseTimeout
-from lidario.model import DeviceInfo, Health, HealthStatus
 from lidario.session.talking.dialogue import Dialogue
 
 _log = logging.getLogger("lidario")

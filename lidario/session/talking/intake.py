@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import Final, TypeAlias
 
-from lidario.model import LineErrors
+from lidario.basics.model import LineErrors
 from lidario.port.port import Port
 from lidario.port.turns import DELIVERY_BYTES, MOST_WAITING, Turns
 from lidario.recording.chronicle import Chronicle

@@ -9,8 +9,8 @@ import math
 import time
 from typing import TypeVar
 
+from lidario.basics.system import cause_of
 from lidario.errors import InternalError, LidarError
-from lidario.system import cause_of
 
 ErrorT = TypeVar("ErrorT", bound=LidarError)
 _log = logging.getLogger("lidario")

@@ -9,7 +9,7 @@ from lidario.families.hokuyo.geometry import Geometry
 from lidario.families.hokuyo.simulated import pack_block
 from lidario.families.stream import Stream
 from lidario.revolution.whole import WholeAssembler, sectors_of
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 from tests.families.hokuyo.about import CASES, GEOMETRY, LAYOUTS

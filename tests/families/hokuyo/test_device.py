@@ -5,10 +5,10 @@ import re
 import pytest
 
 from lidario import LidarError, RemoteProtocolError, ResponseTimeout, open_lidar
+from lidario.basics.model import Health, HealthStatus
 from lidario.families.hokuyo.commands import check_of, read_lines
 from lidario.families.hokuyo.device import FORMATS, HokuyoDevice, mode_for
 from lidario.families.hokuyo.simulated import pack_lines
-from lidario.model import Health, HealthStatus
 from lidario.testing import SimulatedLidar
 from lidario.wire.envelope import Request
 from tests.families.hokuyo.about import GEOMETRY

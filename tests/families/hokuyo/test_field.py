@@ -8,11 +8,11 @@ import pytest
 
 import lidario
 from lidario import LaserScan, Scan
-from lidario.beams import BeamOptions, resample
 from lidario.families.base import Known
 from lidario.families.hokuyo.device import find_stream
 from lidario.families.hokuyo.simulated import pack_block, pack_lines
-from lidario.rotor import Rotor
+from lidario.scans.beams import BeamOptions, resample
+from lidario.scans.rotor import Rotor
 from lidario.testing import make_scan
 from tests.families.hokuyo.about import CASES, GEOMETRY
 from tests.support.devices import Rig, make_rig, some, take

@@ -8,7 +8,7 @@ import pytest
 import lidario
 from lidario.families.neato.simulated import pack_packet
 from lidario.revolution.whole import sectors_of
-from lidario.scan import Scan
+from lidario.scans.scan import Scan
 from tests.families.neato.about import CASES, LAYOUTS
 from tests.support.streams import assembled
 

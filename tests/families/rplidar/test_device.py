@@ -4,11 +4,11 @@ import struct
 
 import pytest
 
+from lidario.basics.model import Health, HealthStatus, SampleRate, ScanMode
 from lidario.errors import InvalidValue, RemoteProtocolError, Unsupported
 from lidario.families.base import Stream
 from lidario.families.rplidar.commands import Conf
 from lidario.families.rplidar.device import RplidarDevice
-from lidario.model import Health, HealthStatus, SampleRate, ScanMode
 from tests.support.rplidar_device import A1, DENSE_BOOST, S2, STANDARD, conf, identified, info
 from tests.support.scripts import Answers, drive
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from lidario.basics.model import ScanMode
 from lidario.families.rplidar.commands import Conf, get_lidar_conf
-from lidario.model import ScanMode
 from lidario.wire.envelope import Request
 from tests.support.rplidar_device import A1, C1, DENSE_BOOST, LISTED, STANDARD, conf, identified, mode_answers
 from tests.support.scripts import Answers, drive, played

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 import lidario
+from lidario.basics.model import Health, HealthStatus, ScanMode
 from lidario.errors import ResponseTimeout, Unsupported
 from lidario.families.ydlidar import commands
 from lidario.families.ydlidar.device import YdlidarDevice
 from lidario.families.ydlidar.models import MODELS
 from lidario.families.ydlidar.simulated.device import PROFILES, Simulated4Ros, make_simulated
-from lidario.model import Health, HealthStatus, ScanMode
 from lidario.wire.envelope import Request
 from lidario.wire.events import Descriptor
 from tests.families.ydlidar.test_models import silent

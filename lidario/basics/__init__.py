@@ -1,0 +1,1 @@
+"""What all rooms need: checks of arguments, sources, records of a device, words for messages."""

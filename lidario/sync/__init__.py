@@ -1,0 +1,1 @@
+"""The session without ``await``, in a thread of its own."""
