@@ -168,6 +168,21 @@ async def test_a_lidar_that_is_away_comes_back_when_there_are_threads_again(
         await next_after(stream, now())
 
 
+async def test_no_memory_for_a_thread_is_no_endless_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread that was to start it ended by that, and told nobody."""
+    numpy = sys.modules["numpy"]
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", failing(MemoryError()))
+        with pytest.raises(ConnectFailed, match=NO_THREADS):
+            await run_in_thread(lambda: None)
+        with pytest.raises(ConnectFailed, match=NO_THREADS):
+            open_sync(make_rig("rplidar").device)
+        patch.delitem(sys.modules, "numpy")
+        patch.setattr("lidario.loading.import_module", lambda name: name)
+        assert str(load("numpy")) == "numpy"
+    assert sys.modules["numpy"] is numpy
+
+
 @pytest.mark.parametrize("via", ["pty", "tcp", "udp"])
 async def test_a_simulated_lidar_that_needs_one_is_not_opened_and_leaves_no_descriptor(via: str) -> None:
     with leaves_nothing(), no_threads(started_directly=False), pytest.raises(ConnectFailed, match=NO_THREADS):

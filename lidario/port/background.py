@@ -47,24 +47,24 @@ def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
     out itself whether anybody still needs it.
 
     Raises:
-        RuntimeError: The system allows no more threads.
+        RuntimeError: The system allows no more threads, or no memory is left for one.
     """
     thread = threading.Thread(target=work, name=name, daemon=True)
     begun = Latch()
-    failures: list[RuntimeError] = []
+    failures: list[Exception] = []
 
     def start() -> None:
         thread.start()
         begun.set()
 
-    def fail(error: RuntimeError) -> None:
+    def fail(error: Exception) -> None:
         failures.append(error)
         begun.set()
 
     start_apart(start, fail)
     begun.wait()
     if failures:
-        raise failures[0]
+        raise RuntimeError(*failures[0].args) from failures[0]
     return thread
 
 

@@ -39,19 +39,19 @@ class Latch:
             pass
 
 
-def start_apart(start: Callable[[], object], failed: Callable[[RuntimeError], object]) -> None:
+def start_apart(start: Callable[[], object], failed: Callable[[Exception], object]) -> None:
     """Have another thread call `start`, which starts a thread: `Thread.start` waits by a Condition.
 
-    Where the system allows no more threads, `failed` is called instead.
+    Where the system allows no more threads, or no memory is left for one, `failed` is called instead.
     """
 
     def run() -> None:
         try:
             start()
-        except RuntimeError as error:
+        except (RuntimeError, MemoryError) as error:
             failed(error)
 
     try:
         _thread.start_new_thread(run, ())
-    except RuntimeError as error:
+    except (RuntimeError, MemoryError) as error:
         failed(error)

@@ -67,7 +67,7 @@ class LoopThread:
         with suppress(IndexError):
             self._unstarted.pop().start()
 
-    def _not_started(self, error: RuntimeError) -> None:
+    def _not_started(self, error: Exception) -> None:
         """The system allows no more threads. Those who wait for this one are told so."""
         self._unstarted.clear()
         self._error = ConnectFailed(NO_THREADS, reason="missing")
