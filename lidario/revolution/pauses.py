@@ -86,13 +86,14 @@ class Pauses:
                 line = _behind(line, at_ns, self._measured(run, done, complete) * sample_ns, turn_ns)
             else:
                 line = _Line(at_ns)
-            if line.late_ns >= least * turn_ns:
+            has_stayed = line.stayed_ns >= STAYED_LATE * turn_ns and line.stayed >= _READS
+            if line.late_ns >= (LATE if has_stayed else least) * turn_ns:
                 # What waits, waits until the line has caught up: the rotor may have become faster meanwhile.
                 wait, least = wait or _Wait(read, done, before), NOISE
             elif wait is not None:
                 self._date(arrivals, wait, read, run.blocks, sample_ns)
                 wait = None
-            if line.stayed_ns >= STAYED_LATE * turn_ns and line.stayed >= _READS:
+            if has_stayed:
                 # It was an outage, or a delay too small to matter.
                 line, wait = _Line(at_ns), None
             done = complete
