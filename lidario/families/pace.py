@@ -80,7 +80,7 @@ class Pace:
         is not known (`packet_ns` is 0).
         """
         found = list[float]()
-        for measured, turned, came in self._halves(packet_ns, turning=True):
+        for measured, turned, came in self._halves(packet_ns):
             arcs = turned / arc if arc else came
             if measured < _FEWEST or arcs <= 0:
                 return None
@@ -109,14 +109,11 @@ class Pace:
                 return False
         return bool(halves)
 
-    def _halves(self, packet_ns: float, *, turning: bool = False) -> list[tuple[float, int, int]]:
-        """In each half of the time: packets that were measured, how far the rotor turned, and packets that came.
-
-        Only while the rotor turned, if it is `turning`.
-        """
+    def _halves(self, packet_ns: float) -> list[tuple[float, int, int]]:
+        """In each half of the time: packets that were measured, how far the rotor turned, and packets that came."""
         if not packet_ns or len(self._points) < 3:
             return []
-        points = self._without_outages(turning=turning)
+        points = self._without_outages()
         begin, end = points[0], points[-1]
         middle = min(points, key=lambda point: abs(2 * point.at_ns - begin.at_ns - end.at_ns))
         return [
@@ -124,11 +121,10 @@ class Pace:
             for before, after in ((begin, middle), (middle, end))
         ]
 
-    def _without_outages(self, *, turning: bool) -> list[_Point]:
+    def _without_outages(self) -> list[_Point]:
         """The points without the steps in which angles and time disagree, by the usual time of a turn.
 
-        In such a step a whole turn hides, or noise that passes for a packet made the angle leap there and back. If
-        it is `turning`, also without those in which the rotor stood.
+        In such a step a whole turn hides, or noise that passes for a packet made the angle leap there and back.
         """
         steps = [
             _Point(after.at_ns - before.at_ns, after.turned - before.turned, after.came - before.came)
@@ -141,8 +137,7 @@ class Pace:
         points = [self._points[0]]
         for step in steps:
             last = points[-1]
-            off_ns = step.at_ns - turn_ns * step.turned / self._full_turn
-            if abs(off_ns) > turn_ns / 2 or (turning and not step.turned):
+            if abs(step.at_ns - turn_ns * step.turned / self._full_turn) > turn_ns / 2:
                 step = _Point(0, 0, 0)
             points.append(_Point(last.at_ns + step.at_ns, last.turned + step.turned, last.came + step.came))
         return points

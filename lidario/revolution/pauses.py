@@ -59,6 +59,7 @@ class Pauses:
     def __init__(self, stream: Stream, stats: AssemblerStats) -> None:
         self._wire, self._stats = stream.format, stats
         self._samples_a_byte = self._wire.samples_in((Block(self._wire.longest, 1),)) / self._wire.longest
+        self._most_ns = stream.most_ns
         self._line: _Line | None = None  # without the packets that wait
         self._waiting: Packets | None = None
 
@@ -82,7 +83,10 @@ class Pauses:
         arrivals, done, wait = [*run.arrivals], 0, None
         for read, (complete, at_ns) in enumerate(run.arrivals):
             before, silent_ns = line, at_ns - line.at_ns
-            if line.late_ns or silent_ns >= NOISE * turn_ns:
+            if silent_ns > self._most_ns:
+                # After so long a silence the revolution is given up.
+                line, wait = _Line(at_ns), None
+            elif line.late_ns or silent_ns >= NOISE * turn_ns:
                 line = _behind(line, at_ns, self._measured(run, done, complete) * sample_ns, turn_ns)
             else:
                 line = _Line(at_ns)

@@ -51,15 +51,6 @@ def test_one_packet_that_is_lost_while_a_rotor_starts_again_is_one() -> None:
     assert [(at, each) for at, each in enumerate(missing(found)) if each] == [(33, 40)]
 
 
-def test_time_tells_of_a_rotor_that_stood_at_first_how_many_arcs_its_spans_are() -> None:
-    """While it stood, it turned by none, however long that was."""
-    seconds = np.arange(1500) * PACKET_NS * 1e-9
-    turns = 0.3 + np.cumsum(10 * -np.expm1(-np.maximum(seconds - 0.6, 0) / 0.3)) * PACKET_NS * 1e-9
-    gone = np.random.default_rng(1).random(len(turns)) < 0.22
-    for here, arcs in told(turns, np.flatnonzero(~gone).tolist()):
-        assert lost(arcs) <= np.count_nonzero(gone[here[0] : here[-1] + 2]) + 5
-
-
 def test_packets_in_which_it_stood_are_not_missing_once_a_speed_is_sure() -> None:
     """They follow each other at any speed; the outage in which it began to turn is one gap."""
     seconds = np.arange(1500) * PACKET_NS * 1e-9

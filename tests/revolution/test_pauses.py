@@ -140,23 +140,6 @@ def test_packets_wait_until_the_line_has_caught_up_for_the_rotor_may_have_become
     assert pauses.left() is None
 
 
-@pytest.mark.parametrize("pieces", [1, 12])
-def test_a_pause_in_which_a_revolution_would_be_given_up_costs_nothing(pieces: int) -> None:
-    """Its packets have come late, all at once or piece by piece."""
-    name, pause_s = "0x85 dense", 0.6
-    stream = replace(KINDS[name].stream(), slowest_turn_s=0.1)
-    reads = reads_of(1.2, *[(pause_s, pause_s / pieces)], *[(1e-5, pause_s / pieces)] * (pieces - 1))
-    raw, pipeline, begin = capture(KINDS[name], SECONDS), Pipeline(stream), DESCRIPTOR_SIZE
-    for upto, now in reads:
-        end = DESCRIPTOR_SIZE + round(upto * (len(raw) - DESCRIPTOR_SIZE) / SECONDS)
-        pipeline.receive(raw[begin:end], round(now * 1e9))
-        begin = end
-    stats = pipeline.stats
-    assert pause_s * 1e9 > stream.most_ns
-    assert (stats.missed_scans, stats.broken_scans, stats.lost_packets, stats.waiting_packets) == (0, 0, 0, 0)
-    assert stats.scans == len(clean(name))
-
-
 class Outage:
     """A stream of which nothing came for almost two turns, and then a piece, which waits."""
 
