@@ -104,6 +104,21 @@ async def test_one_that_is_stopped_blocks_nobody_who_tells_it_more_than_it_takes
         await ended(process)
 
 
+async def test_one_that_is_stopped_is_killed_where_it_is_dismissed_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where there is no loop any more. It would be stopped for ever, and hold the port."""
+    monkeypatch.setattr("lidario.port.guard.RELEASE_S", 0.02)
+    with terminal_pair() as (_, _, path):
+        guard = await start_guard(path)
+        (process,) = own_guards()
+        os.kill(process, signal.SIGSTOP)
+        try:
+            guard.dismiss_at_once()
+            await ended(process)
+        except BaseException:
+            os.kill(process, signal.SIGKILL)
+            raise
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("source", ["sim://rplidar-s2", "sim://rplidar-s2?via=memory", "device"])
 async def test_a_simulated_device_needs_none(source: str, caplog: pytest.LogCaptureFixture) -> None:
