@@ -162,5 +162,5 @@ def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
         return _Line(at_ns)
     if line.late_ns < LATE * turn_ns <= late_ns or not line.late_ns or late_ns <= line.most_ns - noise_ns:
         # Count anew: it has become late, so late that packets wait, or it is catching up.
-        return _Line(at_ns, late_ns, 0, 0.0, late_ns)
+        return _Line(at_ns, late_ns, most_ns=late_ns)
     return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + silent_ns, max(late_ns, line.most_ns))

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 MOST_STEP: Final = 9999  # the last step that four digits of a request can name
+_MOST_MM: Final = 0x3FFFF  # the longest distance that three characters of six bits can tell
 _LIMITS: Final = {
     "AMIN": (0, MOST_STEP),
     "AMAX": (0, MOST_STEP),
     "AFRT": (0, MOST_STEP),
     "ARES": (4, 16_384),
-    "DMIN": (0, 0x3FFFF),
-    "DMAX": (1, 0x3FFFF),
+    "DMIN": (0, _MOST_MM),
+    "DMAX": (1, _MOST_MM),
     "SCAN": (60, 60_000),
 }
 
