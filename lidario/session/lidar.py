@@ -309,13 +309,15 @@ class Lidar(Streams, AsyncOnly, Held):
         self._check_loop()
 
     def _check_loop(self) -> None:
-        if self._scanner.is_forked:
-            raise LocalProtocolError(FORKED)
         try:
             running = asyncio.get_running_loop()
         except RuntimeError:
+            running = None
+        if running is self._loop:
             return
-        if running is not self._loop and not self._loop.is_closed():
+        if self._scanner.is_forked:
+            raise LocalProtocolError(FORKED)
+        if running is not None and not self._loop.is_closed():
             raise LocalProtocolError(
                 f"the session on {self.source} belongs to another event loop: "
                 "use asyncio.run_coroutine_threadsafe() from other threads"
