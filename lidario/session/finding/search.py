@@ -79,7 +79,8 @@ class Search:
         """
         port, families = self._port, {each.family for each in self.tries}
         if self._known is not None:
-            # What a question has woken is this one: it was heard behind that, or asked alone.
+            # Not by what was heard alone: a stream may be taken for that of another family than was woken.
+            await self._woken.stop()
             await self._known.close()
         elif not port.is_closing:
             # One of a known family may hear us although its responses do not reach us.
