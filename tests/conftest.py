@@ -56,6 +56,7 @@ settings.register_profile("sample", settings.get_profile("ci"), max_examples=6)
 
 NEEDS = {
     "test_page.py": "chromium",
+    "test_page_masks.py": "chromium",
     "test_page_tools.py": "chromium",
     "test_completion_in_zsh.py": "zsh",
     "test_completion_in_fish.py": "fish",
