@@ -77,7 +77,10 @@ def show(text: str, cells: int) -> None:
 
     Raises as `write`.
     """
-    write(sys.stderr, f"\r{text}" if cells else _erased())
+    drawn = f"\r{text}" if cells else _erased()
+    # Before and behind: another thread may write a message at any moment, and rather erases too much than nothing.
+    _Now.shown = cells
+    write(sys.stderr, drawn)
     _Now.shown = cells
 
 
