@@ -30,7 +30,7 @@ from lidario.cli.streams import emit, message
 
 @dataclass
 class _Reading:
-    """Scans that are read and written. What was read so far, an interrupted command needs, too."""
+    """Reads scans and writes them, and knows how far it is: an interrupted command tells that, too."""
 
     for_people: bool
     header: str  # what stands before the first one

@@ -78,7 +78,8 @@ def show(text: str, cells: int) -> None:
     Raises as `write`.
     """
     drawn = f"\r{text}" if cells else _erased()
-    # Before and behind: another thread may write a message at any moment, and rather erases too much than nothing.
+    # Noted before and behind: a message of another thread may erase a line that is not there yet, but it never
+    # leaves one that is.
     _Now.shown = cells
     write(sys.stderr, drawn)
     _Now.shown = cells

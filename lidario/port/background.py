@@ -31,11 +31,11 @@ def running_loop() -> asyncio.AbstractEventLoop:
 
 
 def begin_task(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, T], name: str) -> asyncio.Task[T]:
-    """Have `loop` run it, from its next turn on.
+    """Have `loop` run a coroutine as a task, from its next turn on.
 
-    A program may give its loop a factory of tasks that runs them up to their first pause within the call
-    (`asyncio.eager_task_factory`). It is not used: whoever begins a task of the session is in the midst of a step,
-    and what the task does would come before the rest of that.
+    A program may give its loop a factory that runs each new task at once, up to its first pause
+    (`asyncio.eager_task_factory`). That would be too early here: the code that begins the task has not ended its
+    own step. So the factory is not used.
     """
     return asyncio.Task(coroutine, loop=loop, name=name)
 

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
 from lidario.basics.arguments import shown, whole, yes_or_no
 from lidario.basics.entered import AsyncOnly, Held
 from lidario.errors import Busy, InvalidValue, LidarError, LocalProtocolError
-from lidario.port.forked import FORKED
 from lidario.scans.measured import changed
 from lidario.scans.scan import Scan
 from lidario.scans.sector import Sector
@@ -215,8 +214,6 @@ class ReaderStream(AsyncOnly, Held, Generic[T]):
 
     def _begin(self) -> None:
         """Have scans come, unless they do already."""
-        if self._source.is_forked:
-            raise LocalProtocolError(FORKED)
         if self._loop is None:
             self._check_open()
             self._source.join(self._mailbox, self._mode, self._force)
