@@ -100,6 +100,11 @@ def _standing(hertz: float, seconds: Floats, *, lasts_s: float = 0.5) -> Floats:
     return np.where((seconds >= 2.5) & (seconds < 2.5 + lasts_s), 0.0, hertz)
 
 
+def _stop_and_go(hertz: float, seconds: Floats) -> Floats:
+    """As a motor that a supply fails again and again: it slows down within 0.3 s, stands, and starts again."""
+    return hertz * np.interp(seconds % 2.4, [0.0, 0.9, 1.2, 1.7, 2.0, 2.4], [1.0, 1.0, 0.0, 0.0, 1.0, 1.0])
+
+
 def _braked(creeps_hertz: float, within_s: float, hertz: float, seconds: Floats) -> Floats:
     """As when a hand brakes it, lets it creep for a second, and lets it go."""
     return np.interp(seconds, [2.0, 2.0 + within_s, 3.0, 3.4], [hertz, creeps_hertz, creeps_hertz, hertz])
@@ -240,6 +245,13 @@ def _late_and_lossy(stream: TrueStream, random: np.random.Generator) -> Line:
     return replace(lose_share(10, stream, random, spoilt=False), blocked_ns=(1.6e9, 2.9e9))
 
 
+def _read_each(
+    pace_s: tuple[float, float], damage: Damage, stream: TrueStream, random: np.random.Generator
+) -> Line:
+    """By a program that is busy meanwhile, such as each 100 ms: as long as a revolution takes."""
+    return replace(damage(stream, random), pace_s=pace_s)
+
+
 def _cases() -> Iterator[Case]:
     yield Case("clean", _clean, drifting)
     yield Case("wobbling by 3 %", _clean, _wobbling)
@@ -276,6 +288,18 @@ def _cases() -> Iterator[Case]:
     yield Case("standing for 0.5 s", _clean, _standing)
     yield Case("standing for 0.5 s, 60 % gone", partial(lose_share, 60, spoilt=False), _standing)
     yield Case("standing for 0.5 s, 60 % spoilt", partial(lose_share, 60, spoilt=True), _standing)
+    yield Case("stop and go", _clean, _stop_and_go, 8.0)
+    for percent in (20, 60):
+        lossy = partial(lose_share, percent, spoilt=False)
+        yield Case(f"stop and go, {percent} % gone", lossy, _stop_and_go, 8.0)
+    for name, pace_s in (("100 ms", (0.1, 0.1)), ("0.2 to 0.3 s", (0.2, 0.3))):
+        for what, damage, speed in (
+            ("stop and go", _clean, _stop_and_go),
+            ("60 % gone", partial(lose_share, 60, spoilt=False), drifting),
+            ("each second gone", partial(_each_second, spoilt=False), _wobbling),
+        ):
+            read = partial(_read_each, pace_s, damage)
+            yield Case(f"{what}, read each {name}", read, speed, in_files=False)
     yield Case("one packet twice", partial(repeat_packets, 0.0), drifting)
     yield Case("5 % of the packets twice", partial(repeat_packets, 0.05), drifting)
     yield Case("10 % of the packets twice", partial(repeat_packets, 0.1), drifting)

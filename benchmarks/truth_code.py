@@ -71,7 +71,7 @@ class Code:
         if self.digits == 1:
             return np.where(fits & (digit < self.packets), digit, UNKNOWN), place
         # A packet's samples stand together, their places in order: such a run is of one packet.
-        run = np.cumsum(np.diff(place, prepend=UNKNOWN - 1) != 1) - 1 if len(place) else place
+        run = np.cumsum(np.diff(place, prepend=UNKNOWN - 2) != 1) - 1 if len(place) else place
         packet = np.full(int(run[-1]) + 1 if len(run) else 0, UNTOLD)
         held = self._held(run, place, digit, len(packet))
         # A sample whose digit is not that of the others has a distance that is none of its packet's.

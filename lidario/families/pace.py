@@ -93,13 +93,15 @@ class Pace:
         return by_time is not None and max(by_time) < SEVERAL
 
     def is_too_short(self, packet_ns: float, arc: float) -> bool:
-        """Whether the device has measured hardly more packets than came, and fewer than such arcs passed.
+        """Whether the device has measured fewer packets than such arcs passed.
 
-        In both halves of the time; or in all of it fewer than half of them: in one half, the rotor may have stood.
+        Either in both halves of the time, and hardly more were measured than came. Or in all of it fewer than half
+        of the arcs: in one half the rotor may have stood.
         """
         halves = self._halves(packet_ns)
         measured, turned, came = [sum(each) for each in zip(*halves, strict=True)] or (0.0, 0, 0)
-        if max(_FEWEST, (1 - OFF) * came) <= measured < SEVERAL * came and 2 * (measured + 1) < turned / arc:
+        # What was measured is never less than what came, unless the line was late.
+        if max(_FEWEST, (1 - OFF) * came) <= measured and 2 * (measured + 1) < turned / arc:
             return True
         for measured, turned, came in halves:
             # A read may end within a packet, so time may be off by one packet. The times of a few packets are

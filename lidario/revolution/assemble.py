@@ -19,7 +19,7 @@ from lidario.revolution.build import DatedRevolution, turned_by
 from lidario.revolution.clock import several
 from lidario.revolution.ended import EndedRevolution, share_past
 from lidario.revolution.incoming import Clock
-from lidario.revolution.late_reads import dated_within
+from lidario.revolution.late_reads import Ends
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Seam, Split
 from lidario.revolution.sparse_speed import dated_angles
@@ -94,22 +94,19 @@ class Assembler(SteadyAssembler):
         self._under_way = True
         try:
             splits = self._seam.splits(headings, self.incoming.passing)
-            dated = packets
             offsets = packet_offsets(packets.blocks) if splits else ()
-            if len(splits) > 1 and self.incoming.passing is None and self._stream.timed:
-                ends_at = [split.packet for split in splits]
-                sample_ns, wire = self.incoming.time.known_ns, self._stream.format
-                dated = dated_within(packets, offsets, ends_at, self.partial, self._decoder, wire, sample_ns)
+            is_dated = self.incoming.passing is None
+            late = self._times_of(splits, packets, kept, offsets) if splits and is_dated else {}
             done, alone = 0, 1
             while done < len(splits):
                 # A revolution begun in pieces is ended in pieces, even if nobody reads sectors any more.
                 by_blocks = not self._parts and self.partial.divided is None
                 ending, several = splits[done:] if by_blocks else splits[done : done + 1], 1
                 if not by_blocks:
-                    kept = self._keep_until(ending[0].packet, dated, headings, kept, offsets)
+                    kept = self._keep_until(ending[0].packet, packets, headings, kept, offsets, late)
                 # All scans of a block have the same offset.
                 if self._next_offset_deg is None:
-                    block = self.add_block(dated, offsets, ending, kept)
+                    block = self.add_block(packets, offsets, ending, kept, late)
                     if block:
                         kept, done = ending[-1].packet, done + len(ending)
                         self.partial.begun_ns = self.incoming.read_at(packets, kept)
@@ -119,19 +116,23 @@ class Assembler(SteadyAssembler):
                         continue
                     # Something is wrong in the block. End 1, 2, 4 … revolutions alone, then try a block again.
                     several, alone = alone, 2 * alone
+                    if not is_dated:
+                        late, is_dated = self._times_of(splits, packets, kept, offsets), True
                 for split in ending[:several]:
-                    kept = self._keep_until(split.packet, dated, headings, kept, offsets)
+                    kept = self._keep_until(split.packet, packets, headings, kept, offsets, late)
                     scan = self._end_at(packets, split, offsets)
                     yield [] if scan is None else [scan]
                     if self.ended != ended:
                         return
                 done += len(ending[:several])
-            kept = self._keep_until(count, dated, headings, kept, offsets)
+            kept = self._keep_until(count, packets, headings, kept, offsets, late)
         finally:
             self._under_way = kept < count
             self.stats.discarded_packets += count - kept
 
-    def _keep_until(self, end: int, event: Packets, headings: Headings, begin: int, offsets: Sequence[int]) -> int:
+    def _keep_until(
+        self, end: int, event: Packets, headings: Headings, begin: int, offsets: Sequence[int], late: Ends
+    ) -> int:
         """Keep the packets from number `begin` on to before `end`, which is returned.
 
         They are kept in parts, divided at each silence in which a revolution is given up.
@@ -150,7 +151,7 @@ class Assembler(SteadyAssembler):
                 part = event
                 if cut - begin < event.count:
                     wire, sample_ns = self._stream.format, self.incoming.time.known_ns
-                    part = part_of(event, begin, cut, offsets, wire, sample_ns)
+                    part = part_of(event, begin, cut, offsets, wire, sample_ns, late.get(cut))
                 self._keep(part, headings[begin:cut])
                 begin = cut
         return end
@@ -262,7 +263,9 @@ class Assembler(SteadyAssembler):
         if carried is not None:
             here.begin_with(carried)
         each, close = samples.revoked
-        self.stats.lost_packets += each * close
+        if each and close:
+            self.stats.lost_packets += each * close
+            self._clock.forget_speed()
         if each and carried is not None:
             # The packet at its beginning was stretched over a gap, so its samples are not used.
             revoked, partial.carried = each, None

@@ -21,7 +21,6 @@ as many as fit into the time since the anchor, less those that came and those th
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final, NamedTuple
 
 from lidario.families.stream import ENDLESS_TURNS
@@ -66,9 +65,9 @@ class Beginning:
     # Time of its samples, with those that are known to be missing; 0 if unknown.
     spanned_ns: float = 0.0
     came_ns: float = 0.0  # time of the samples that came, however far the rotor turned meanwhile; 0 if unknown
-    # Arrival of the last packet before it, then of each read, from the one with its beginning to the one with its
-    # end; empty if unknown.
-    reads_ns: Sequence[int] = ()
+    read_ns: int = 0  # time from the read with its beginning to the read with its end; 0 if unknown
+    # How long nothing was measured before each of its reads, by what came with that read; empty if unknown.
+    silences_ns: Sequence[float] = ()
 
     @property
     def revolution_packets(self) -> float:
@@ -76,14 +75,9 @@ class Beginning:
         return self.revolution_ns / self.packet_ns if self.packet_ns else 0.0
 
     @property
-    def read_ns(self) -> int:
-        """Time from the read with its beginning to the read with its end; 0 if unknown."""
-        return self.reads_ns[-1] - self.reads_ns[1] if self.reads_ns else 0
-
-    @property
     def hides(self) -> float:
         """How many whole revolutions may have passed unseen in it: in silences of about one or more."""
-        turns = [(after - before) / self.revolution_ns for before, after in pairwise(self.reads_ns)]
+        turns = [silence_ns / self.revolution_ns for silence_ns in self.silences_ns]
         # Rounded up: the packets before a silence may have come late.
         return sum([math.ceil(each) for each in turns if each >= 1 - NOISE]) if turns else math.inf
 
@@ -162,6 +156,10 @@ class RevolutionClock:
         for angle, at_ns in packets:
             self._search.add(angle, at_ns)
         self.usual_ns = self._search.revolution_ns() or self.usual_ns
+
+    def forget_speed(self) -> None:
+        """The speed was wrong: it was taken from gaps that are all alike."""
+        self.usual_ns, self.needs_speed, self._late_ns = 0.0, True, None
 
     def restart(self, seam: float | None = None) -> None:
         """The stream began anew: forget the revolution before.

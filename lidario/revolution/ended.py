@@ -156,7 +156,8 @@ class EndedRevolution:
             own=wire.own_angles and longest > 1 and packets.count >= _FEWEST_PACKETS,
             spanned_ns=self.spanned_ns if is_one else 0.0,
             came_ns=self.count * self.sample_ns if self.told else 0.0,
-            reads_ns=self.partial.reads_ns(packets),
+            read_ns=self.partial.read_ns,
+            silences_ns=self.partial.silences_ns(packets, packet_ns),
         )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
@@ -113,11 +114,27 @@ class PartialRevolution:
         first = room if revoked else 0
         return [(at - first, skipped) for at, skipped in gaps if first < at < crossed]
 
-    def reads_ns(self, packets: Packets) -> Sequence[int]:
-        """Arrivals of its reads, as in `Beginning.reads_ns`."""
+    @property
+    def read_ns(self) -> int:
+        """Time from the read with its beginning to the read with its end; 0 if unknown."""
+        return self.ended_ns - self.begun_ns if self.begun_ns else 0
+
+    def silences_ns(self, packets: Packets, packet_ns: float) -> Sequence[float]:
+        """How long nothing was measured before each of its reads, as in `Beginning.silences_ns`.
+
+        Args:
+            packets: Its packets.
+            packet_ns: Time of a packet.
+        """
         if not self.begun_ns:
             return ()
-        return self.carried_ns, self.begun_ns, *[at_ns for _, at_ns in packets.arrivals], self.ended_ns
+        reads = [(0, self.carried_ns), *packets.arrivals]
+        if not packets.cut:
+            reads.append((packets.count, self.ended_ns))
+        return [
+            at_ns - before_ns - (count - before) * packet_ns
+            for (before, before_ns), (count, at_ns) in pairwise(reads)
+        ]
 
     @property
     def last_ns(self) -> int:
@@ -126,7 +143,13 @@ class PartialRevolution:
 
 
 def part_of(
-    packets: Packets, begin: int, end: int, offsets: Sequence[int] | None, wire: StreamFormat, sample_ns: float
+    packets: Packets,
+    begin: int,
+    end: int,
+    offsets: Sequence[int] | None,
+    wire: StreamFormat,
+    sample_ns: float,
+    ended_ns: int | None = None,
 ) -> Packets:
     """The packets from number `begin` to before number `end`, with their arrivals.
 
@@ -137,6 +160,7 @@ def part_of(
         offsets: Where each packet begins, if that is known already (`packet_offsets`).
         wire: The format of the packets.
         sample_ns: Nanoseconds a sample; 0 where the device does not say.
+        ended_ns: When the last of them came, where that is known better than by the packets behind it in its read.
     """
     offsets = offsets or packet_offsets(packets.blocks)
     blocks = some_blocks(packets.blocks, begin, end)
@@ -147,7 +171,8 @@ def part_of(
     complete, at_ns = packets.arrivals[last]
     if complete > end:
         # Later packets came with the same read, so these were late by the time that it took to measure those.
-        at_ns -= round(wire.samples_in(some_blocks(packets.blocks, end, complete)) * sample_ns)
+        later = some_blocks(packets.blocks, end, complete)
+        at_ns = at_ns - round(wire.samples_in(later) * sample_ns) if ended_ns is None else ended_ns
     arrivals.append((end - begin, at_ns))
     skips = packets.skips
     if skips:

@@ -30,6 +30,7 @@ from lidario.revolution.divided import (
     join_pieces,
 )
 from lidario.revolution.ended import EndedRevolution, share_before
+from lidario.revolution.late_reads import Ends
 from lidario.revolution.partial import PartialRevolution
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
@@ -212,9 +213,11 @@ class SectorAssembler(Assembler):
 
     # ------------------------------------------------------------------------------------------------ the end
 
-    def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int) -> list[Scan]:
+    def add_block(
+        self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int, late: Ends
+    ) -> list[Scan]:
         here = self.partial.divided
-        made = super().add_block(event, offsets, splits, first)
+        made = super().add_block(event, offsets, splits, first, late)
         if made:
             self._doubted = False
             if here is not None:

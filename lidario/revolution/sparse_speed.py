@@ -23,9 +23,9 @@ _OF_ONE: Final = 2
 _SURE: Final = 9.0
 """How much better angles must agree than random ones: those agree as well in one of 8100 tries (Rayleigh's
 test)."""
-_AS_WELL: Final = 2.0
-"""Speeds that agree less than the best one by no more than this may be right, too. The slowest of them is taken,
-which counts rather too few revolutions than too many."""
+_AS_WELL: Final = 0.75
+"""Speeds that agree by this part of the best one may be right, too: reads at equal times fit several. The slowest
+is taken, which counts rather too few revolutions than too many."""
 _STEP: Final = 0.2
 """Two neighbouring speeds differ by this many revolutions from the first packet to the last."""
 _NEAR: Final = np.arange(-_STEP, _STEP, 0.01)
@@ -38,11 +38,13 @@ _LONGEST_NS: Final = 20e9
 
 
 def dated_angles(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
-    """Angles at which a few of these packets begin, in revolutions, each with an arrival time."""
+    """Angles at which a few of these packets begin, in revolutions, each with the arrival of its read."""
     headings = wire.headings(packets)
+    # A computed time tells nothing: packets may be missing behind.
+    reads = packets.arrivals[:-1] if packets.cut else packets.arrivals
     return [
         ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)
-        for count, at_ns in packets.arrivals[:: -(-len(packets.arrivals) // _OF_ONE)]
+        for count, at_ns in reads[:: max(1, -(-len(reads) // _OF_ONE))]
     ]
 
 
@@ -78,7 +80,8 @@ class SparseSpeed:
         # The longer the time, the more speeds are tried, and the more easily one of them agrees by chance.
         if most < _SURE + math.log(_FASTEST_HZ * lasted):
             return 0.0
-        near = speeds[int((agreeing >= most - _AS_WELL).argmax())] + _NEAR / lasted
+        is_peak = (agreeing >= np.append(0.0, agreeing[:-1])) & (agreeing >= np.append(agreeing[1:], 0.0))
+        near = speeds[int((is_peak & (agreeing >= _AS_WELL * most)).argmax())] + _NEAR / lasted
         hertz = float(near[int(_agreeing(points, near).argmax())])
         return 1e9 / hertz if hertz * lasted >= _LEAST_TURNS else 0.0
 

@@ -20,6 +20,7 @@ from lidario.revolution.build import DatedRevolution, build_scan, turned_by
 from lidario.revolution.clock import NOISE, Beginning, RevolutionClock
 from lidario.revolution.ended import FALSE_PART, UNEVEN, hides_a_turn
 from lidario.revolution.incoming import Clock, Incoming
+from lidario.revolution.late_reads import Ends, ends_within
 from lidario.revolution.partial import PartialRevolution, SampleArrays, part_of
 from lidario.revolution.seam import Split
 from lidario.revolution.stats import AssemblerStats
@@ -56,7 +57,9 @@ class SteadyAssembler:
         # The decoded samples of a revolution that turned out not to be steady.
         self._decoded: Samples | None = None
 
-    def add_block(self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int) -> list[Scan]:
+    def add_block(
+        self, event: Packets, offsets: Sequence[int], splits: Sequence[Split], first: int, late: Ends
+    ) -> list[Scan]:
         """Make the scans of all revolutions up to the last split, decoded at once; none if any may lack something.
 
         Args:
@@ -64,6 +67,7 @@ class SteadyAssembler:
             offsets: Where each of them begins (`packet_offsets`).
             splits: Where revolutions end in it; at least one.
             first: The first packet of the event that was not kept yet.
+            late: When revolutions ended, as `ends_within`, where packets are missing behind in the same read.
         """
         if not self._may_be_steady(splits, first):
             return []
@@ -87,7 +91,9 @@ class SteadyAssembler:
         if samples is None or not samples.is_steady:
             return []
         reads = [(room + samples.ends[complete - 1], at_ns) for complete, at_ns in packets.arrivals]
-        if last > first:
+        if last in late:
+            reads[-1] = reads[-1][0], late[last]
+        elif last > first:
             # The bytes behind the end of a revolution were there already when it came. So late was the end.
             complete, now = event.arrivals[bisect_left(event.arrivals, last, key=itemgetter(0))]
             reads[-1] = reads[-1][0] + wire.samples_in(some_blocks(event.blocks, last, complete)), now
@@ -111,6 +117,16 @@ class SteadyAssembler:
         scans = [self._deliver(each, stream.sample_ns, 0) for each in revolutions]
         self._keep_time()
         return scans
+
+    def _times_of(self, splits: Sequence[Split], packets: Packets, kept: int, offsets: Sequence[int]) -> Ends:
+        """When revolutions ended within reads with gaps (`ends_within`), from packet number `kept` on."""
+        if not self._stream.timed:
+            return {}
+        ends_at = [split.packet for split in splits if split.packet >= kept]
+        unseen, begin = (self.partial.runs, kept) if self._decoded is None else ([], ends_at[0])
+        sample_ns, wire = self.incoming.time.known_ns, self._stream.format
+        last_ns = self.partial.last_ns
+        return ends_within(packets, begin, offsets, ends_at, unseen, last_ns, self._decoder, wire, sample_ns)
 
     def _may_be_steady(self, splits: Sequence[Split], first: int) -> bool:
         """Whether enough is known of the revolution in the making and the one before, and all seams are alike."""

@@ -166,6 +166,8 @@ def test_the_number_of_a_sample_is_found_by_its_neighbours(code: Code) -> None:
     # Of a packet of which but few samples are there, more than one may be meant.
     assert (~told).sum() <= 3
     assert (code.decode(millimetres + np.float32(code.step / 2))[0] == UNKNOWN).all()
+    millimetres[0] += np.float32(code.step / 2)
+    assert (code.decode(millimetres)[1] == [UNKNOWN, *place[1:]]).all()
 
 
 @pytest.mark.long

@@ -66,7 +66,7 @@ def is_too_short(points: Sequence[Point], packet_ns: int, arc: float) -> bool:
     found = halves(points, packet_ns, stood=True)
     short = [4 <= packets < min(1.5 * came, 0.75 * turned / arc - 1) for packets, turned, came in found]
     packets, turned, came = np.sum(found, axis=0) if found else (0, 0, 0)
-    far = max(8, 0.75 * came) <= packets < min(1.5 * came, 0.5 * turned / arc - 1)
+    far = max(8, 0.75 * came) <= packets < 0.5 * turned / arc - 1
     return len(found) == 2 and (far or all(short))
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,8 +38,8 @@ def test_noise_never_makes_it_jump(seed: int, lost: int) -> None:
 
 def test_an_outage_with_a_gap_is_told_at_once_and_one_without_when_it_lasts() -> None:
     def unseen(starts: Sequence[float], lost: int | None = None, read: float = 1.0) -> list[int]:
-        reads_ns = behind_a_silence(round(read * 100 * MS))
-        found = told(replace(beginning(n, n == lost), reads_ns=reads_ns) for n in starts)
+        reads = behind_a_silence(round(read * 100 * MS))
+        found = told(replace(beginning(n, n == lost), **reads) for n in starts)
         return [passed.unseen for passed in found]
 
     assert unseen((0, 1, 2, 6, 7), lost=2) == [0, 0, 0, 3, 0]
@@ -50,22 +51,22 @@ def test_an_outage_with_a_gap_is_told_at_once_and_one_without_when_it_lasts() ->
     assert unseen((0, 1, 3.9, 4, 4.2, 5), read=0.1) == [0] * 6
 
 
-def behind_a_silence(read_ns: int) -> tuple[int, ...]:
+def behind_a_silence(read_ns: int) -> dict[str, Any]:
     """Reads that took so long, behind a silence of ten revolutions; none if they took no time."""
-    return (0, 1000 * MS, 1000 * MS + read_ns) if read_ns else ()
+    return {"read_ns": read_ns, "silences_ns": (1000 * MS, 0)} if read_ns else {}
 
 
 @pytest.mark.parametrize("lost", [0, 20])
 def test_without_a_silence_no_revolution_passes_unseen(lost: int) -> None:
     """A rotor that was held for half a second: only packets may be missing, as time tells. A silence hides some."""
-    reads = tuple(range(0, 600 * MS, 10 * MS))
-    starts = [replace(beginning(n, lost), reads_ns=reads) for n in (0, 1, 2, 7, 8)]
+    reads: dict[str, Any] = {"read_ns": 580 * MS, "silences_ns": [10 * MS] * 59}
+    starts = [replace(beginning(n, lost), **reads) for n in (0, 1, 2, 7, 8)]
     starts[2].broken = lost > 0
     found = told(starts)
     assert [passed.unseen for passed in found] == [0] * 5
     assert [passed.lost for passed in found] == [0, 0, 0, 320, 0]
     for silence_ns, unseen in ((60 * MS, 0), (80 * MS, 1), (240 * MS, 3), (1000 * MS, 4)):
-        starts[2].reads_ns = (0, 0, 10 * MS, 10 * MS + silence_ns)
+        starts[2].silences_ns = (10 * MS, silence_ns)
         assert told(starts)[3] == Passed(unseen, 320)
 
 
@@ -99,15 +100,15 @@ def test_one_that_begins_a_whole_revolution_early_is_none(
 ) -> None:
     """Where it is known when bytes were read, and not all of it came. The next one is one revolution on."""
     clock = RevolutionClock(1e9)
-    reads_ns = behind_a_silence(read_ns)
+    reads = behind_a_silence(read_ns)
     for n in range(4):
-        assert clock.follow(numbered(n, n, reads_ns=reads_ns)).unseen == 0
+        assert clock.follow(numbered(n, n, **reads)).unseen == 0
     is_none = is_none and read_ns > 0 and packets == 60
-    here = numbered(4 - early, 4, reads_ns=reads_ns, packets=packets)
+    here = numbered(4 - early, 4, **reads, packets=packets)
     assert clock.follow(here).unseen == (-1 if is_none else 0)
     if is_none:
-        assert clock.follow(numbered(4, 4, reads_ns=reads_ns)) == Passed(0, 0)
-        assert clock.follow(numbered(7, 5, reads_ns=reads_ns)).unseen == 2
+        assert clock.follow(numbered(4, 4, **reads)) == Passed(0, 0)
+        assert clock.follow(numbered(7, 5, **reads)).unseen == 2
 
 
 def test_revolutions_that_begin_elsewhere_from_now_on_are_not_told_as_missing() -> None:

@@ -53,7 +53,7 @@ def test_one_block_has_one_seam(second: Split, scans: int) -> None:
     assembler, event = halfway()
     before = assembler.stats.scan_packets
     first = Split(FIRST, marked=False, broken=False, seam=0)
-    made = assembler.add_block(event, packet_offsets(event.blocks), [first, second], 0)
+    made = assembler.add_block(event, packet_offsets(event.blocks), [first, second], 0, {})
     assert len(made) == scans
     # It has changed nothing where it has made none.
     assert (assembler.stats.scan_packets == before) == (not made)

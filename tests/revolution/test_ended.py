@@ -204,8 +204,13 @@ def test_where_samples_are_missing() -> None:
     assert revolution.gaps(replace(samples, certain=False), 20, 200, revoked=False) is None
 
 
-def test_when_its_reads_came_is_known_where_its_beginning_was_read() -> None:
+def test_how_long_nothing_was_measured_is_known_where_its_beginning_was_read() -> None:
+    """What a read brought had been measured meanwhile."""
     packets = Packets(b"....", (Block(1, 4),), ((1, 600), (4, 900)))
     known = PartialRevolution(whole=True, carried_ns=400, begun_ns=500, ended_ns=1200)
-    assert [*known.reads_ns(packets)] == [400, 500, 600, 900, 1200]
-    assert not PartialRevolution(whole=True, carried_ns=400, ended_ns=1200).reads_ns(packets)
+    assert known.read_ns == 700
+    assert [*known.silences_ns(packets, 60)] == [200 - 60, 300 - 3 * 60, 300]
+    # The packets behind the end came with the same read, and fill the time up to it.
+    assert [*known.silences_ns(replace(packets, cut=True), 60)] == [140, 120]
+    unknown = PartialRevolution(whole=True, carried_ns=400, ended_ns=1200)
+    assert (unknown.read_ns, [*unknown.silences_ns(packets, 60)]) == (0, [])

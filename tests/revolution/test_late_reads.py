@@ -6,8 +6,7 @@ from benchmarks.streams import KINDS
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated.packers import pack_dense
-from lidario.revolution.late_reads import dated_within
-from lidario.revolution.partial import PartialRevolution
+from lidario.revolution.late_reads import ends_within
 from lidario.revolution.pipeline import Pipeline
 from lidario.scans.scan import Scan
 from lidario.wire.blocks import packet_offsets
@@ -32,17 +31,8 @@ def test_the_ends_of_revolutions_have_the_times_at_which_they_were_measured(lost
     decoder.decode(arrived(packed(before), A_TURN, 0), packed([0]))
     packets = arrived(packed(numbers), len(numbers), 10**9)
     ends = [sum(number < turn * A_TURN for number in numbers) for turn in (1, 2, 3)]
-    found = dated_within(
-        packets,
-        packet_offsets(packets.blocks),
-        ends,
-        PartialRevolution(whole=True),
-        decoder,
-        wire,
-        SAMPLE_NS,
-    )
-    at_end = [(end, 10**9 - (numbers[-1] - numbers[end - 1]) * 40 * SAMPLE_NS) for end in ends]
-    assert found.arrivals == (*at_end, (len(numbers), 10**9))
+    found = ends_within(packets, 0, packet_offsets(packets.blocks), ends, [], 0, decoder, wire, SAMPLE_NS)
+    assert found == {end: 10**9 - (numbers[-1] - numbers[end - 1]) * 40 * SAMPLE_NS for end in ends}
 
 
 @pytest.mark.parametrize("size", [30, 36, 40])
