@@ -108,9 +108,12 @@ def parts_of(degrees: object) -> int:
 
 
 def yes_or_no(value: object, what: str) -> bool:
-    """Whether the value is as good as true; a text, such as "no", and an array are neither true nor false."""
+    """Whether the value is as good as true; a text, such as "no", and an array are neither true nor false.
+
+    Nor is a number that is neither 1 nor 0: it was meant as seconds or degrees, and would be lost.
+    """
     with suppress(TypeError, ValueError):
-        if not isinstance(value, str):
+        if not isinstance(value, str) and not (isinstance(value, Real) and value not in (0, 1)):
             return bool(value)
     raise InvalidValue(f"{what} is True or False, not {shown(value)}")
 

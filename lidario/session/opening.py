@@ -217,7 +217,7 @@ def open_lidar(
     if (latency := finite(latency, "the latency")) < 0:
         raise InvalidValue(f"the latency is a number of seconds from 0 on, not {latency:g}")
     policy = reconnect if isinstance(reconnect, Reconnect) else None
-    if policy is None and yes_or_no(reconnect, "reconnect"):
+    if policy is None and yes_or_no(reconnect, "reconnect, if it is no Reconnect(limit_s=…),"):
         policy = Reconnect()
     spinning, guarded = yes_or_no(keep_spinning, "keep_spinning"), yes_or_no(guard, "guard")
     settings = as_config(config)

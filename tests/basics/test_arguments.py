@@ -279,6 +279,7 @@ def test_checks_say_what_is_wrong() -> None:
         (whole, True, "x is a whole number, not True"),
         (yes_or_no, np.zeros(2), "x is True or False, not array"),
         (yes_or_no, "no", "x is True or False, not 'no'"),
+        (yes_or_no, 60, "x is True or False, not 60"),
         (text_of, b"", "x is a text, not b''"),
         (path_of, "a\0b", r"x is the name of a file, not 'a\x00b'"),
         (path_of, "", "x is the name of a file, not ''"),

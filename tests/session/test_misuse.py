@@ -121,6 +121,14 @@ async def test_whatever_is_as_good_as_true(ydlidar: Rig) -> None:
             assert await lidar.set_power_down_protection(not yes) is False
         with pytest.raises(InvalidValue, match="is True or False, not 'off'"):
             await lidar.set_power_down_protection("off")  # type: ignore[arg-type]
+        with pytest.raises(InvalidValue, match="is True or False, not 90"):
+            await lidar.set_zero_offset(90.0)  # type: ignore[arg-type]
+
+
+async def test_a_number_of_seconds_is_no_policy() -> None:
+    # A limit that nobody keeps would be worse than an error.
+    with pytest.raises(InvalidValue, match=r"no Reconnect\(limit_s=…\), is True or False, not 60"):
+        lidario.open_lidar("/dev/ttyUSB0", reconnect=60)  # type: ignore[arg-type]
 
 
 async def test_a_mistake_of_ours_in_a_start_ends_the_session_and_stops_the_device(
