@@ -55,7 +55,8 @@ class Questions(ABC):
     async def get_health(self) -> Health:
         """Ask the device how it is; `Lidar.health` is what it said last.
 
-        A question that interrupts a stream costs it a revolution or two: who asks all the time gets no scans.
+        A question that interrupts a stream costs it a revolution or two, and about a second where the motor stops
+        with the stream: who asks all the time gets no scans.
         """
         health = await self._scanner.ask(self._open_device().health)
         # Not later: the stream that this question interrupted is started by another task, in the next step.
