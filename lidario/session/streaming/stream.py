@@ -272,7 +272,8 @@ class ScanStream(ReaderStream[Scan]):
     Iteration ends when `Lidar.stop` is called. It raises `StreamFailed` when the device falls silent, makes no
     revolutions or cannot be started, and `DeviceFault` when it has stopped to protect itself and a reset is of no
     use; the session goes on after both. It raises `DeviceLost` when the port died, and `SessionClosed`
-    when the session is closed by another task. With `open_lidar(reconnect=...)` it waits while the device is away.
+    when the session is closed by another task. A stream that has raised one of these is over, and raises it each
+    time: `Lidar.scans` makes another one. With `open_lidar(reconnect=...)` it waits while the device is away.
     Where the program cancels all tasks, the session's own included, a stream that waits for one of these ends with
     `LocalProtocolError`, or with `StreamFailed`.
 
