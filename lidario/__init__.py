@@ -4,7 +4,7 @@
 
     async with lidario.open_lidar() as lidar:
         async for scan in lidar.scans():
-            print(scan.ranges.min())
+            print(scan.nearest())
 
 A public name is loaded when it is first used: programs that only ask for the version, or complete a command line,
 do not wait for numpy and asyncio.
