@@ -250,3 +250,13 @@ def test_packets_while_the_motor_spins_up() -> None:
     assert 5 < between[0] < 8
     assert 19 < between[-1] < 23
     assert all(b - a < 2 for a, b in pairwise(between))
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "at"),
+    [("ydlidar-tmini", TMINI, 0), ("ydlidar-tmini-plus-sh", ydlidar.Kind(4, intensity_bits=16), 1)],
+)
+def test_strengths_fill_the_byte_that_the_host_takes(model: str, kind: ydlidar.Kind, at: int) -> None:
+    """Of 16 bits that is the upper one: with all in the lower one, every intensity would be 0."""
+    packets = whole(stream_of(make_simulated(model), 2.0), kind)
+    assert max(max(packet[10 + at :: kind.sample_bytes]) for packet in packets) > 200

@@ -28,6 +28,8 @@ _FULL_TURN_Q6 = 360 * 64
 _LATE_OFF = 7
 """A packet of one sample that comes late states 0.27 degrees for its first sample, and 0.16 for its last: a real
 Tmini Plus did (Ar-Ray-code/tmini_plus_emulator)."""
+_LIGHT_SCALES = {10: 4, 16: 256}
+"""By the bits of an intensity, what makes one of 0 to 250 fill them."""
 _MOST_AHEAD = 6000  # samples: a revolution at 3.5 Hz
 
 
@@ -120,7 +122,7 @@ class PointStream:
             (q6[samples - 1 :: samples] - last_off) % _FULL_TURN_Q6,
             control=self._profile.control if control is None else control,
             layout=layout,
-            intensities=np.asarray(lights * 4 if layout.bits == 10 else lights, np.uint16),
+            intensities=np.asarray(lights * _LIGHT_SCALES.get(layout.bits, 1), np.uint16),
         )
         ready = self._origin + (first + samples) * self._sample_ns
         size, period = 10 + layout.size * samples, samples * self._sample_ns
