@@ -54,8 +54,11 @@ async def main(source: str | lidario.SimulatedDevice = "auto", count: int = 10) 
     """Add some scans and print the grid."""
     grid = Grid()
     async with lidario.open_lidar(source) as lidar, lidar.scans() as scans:
-        for _ in range(count):
-            grid.add(await anext(scans))
+        async for scan in scans:  # a recording may end before
+            grid.add(scan)
+            count -= 1
+            if not count:
+                break
     print(grid)
     return grid
 

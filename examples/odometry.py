@@ -47,8 +47,8 @@ async def main(source: str = "", count: int = 110) -> list[tuple[float, float]]:
     """Print the grid, and how far off it was on the simulated drive; that is returned: metres and radians."""
     odometry, grid, off = Odometry(), Grid(), list[tuple[float, float]]()
     async with lidario.open_lidar(source or SimulatedLidar(world=DRIVE)) as lidar, lidar.scans() as scans:
-        while len(off) < count:
-            grid.see(odometry.add(await anext(scans)), (odometry.place.real, odometry.place.imag))
+        while len(off) < count and (scan := await anext(scans, None)) is not None:  # a recording may end before
+            grid.see(odometry.add(scan), (odometry.place.real, odometry.place.imag))
             x, y, yaw = DRIVE.poses([odometry.at_ns])[0]
             off.append((abs(odometry.place - complex(x, y)), abs(remainder(odometry.yaw - yaw, tau))))
     print(f"{grid}\nat {odometry.place:.3f} m" + (f", off by {max(off)[0]:.3f} m at most" if not source else ""))

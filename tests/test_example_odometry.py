@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import lidario
 from lidario.testing import Drive, SimulatedLidar, furnished
 
 STOPS = [
@@ -61,5 +62,22 @@ async def test_odometry(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     # The wall ahead of where it began, 4.6 m away, is on the grid; what it drove through is free.
     assert told.count("#") > 50
     assert told.count(".") > 1000
+    sys.modules.pop("odometry")
+    sys.modules.pop("occupancy_grid")
+
+
+@pytest.mark.long
+async def test_a_recording_that_ends_early(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "short.mcap"
+    async with lidario.open_lidar(SimulatedLidar()) as lidar, lidar.record(path) as recording:
+        async for _ in lidar.scans():
+            if recording.scans >= 3:
+                break
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    off = await import_module("odometry").main(f"{path}?rate=0")
+    assert 0 < len(off) < 110
+    assert re.search(r"^at \S+ m$", capsys.readouterr().out, re.MULTILINE)
     sys.modules.pop("odometry")
     sys.modules.pop("occupancy_grid")

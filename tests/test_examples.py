@@ -161,6 +161,17 @@ async def test_occupancy_grid(capsys: pytest.CaptureFixture[str]) -> None:
     assert not any("#" in row for row in rows[len(rows) // 2 :])
 
 
+@pytest.mark.long
+async def test_a_recording_that_ends_early_is_drawn_all_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "short.mcap"
+    async with lidario.open_lidar(SimulatedLidar()) as lidar, lidar.record(path) as recording:
+        async for _ in lidar.scans():
+            if recording.scans >= 3:
+                break
+    grid = await load("occupancy_grid").main(f"{path}?rate=0")
+    assert (grid.cells > 0).any()
+
+
 @asynccontextmanager
 async def served(lidar: Any) -> AsyncIterator[tuple[Any, httpx.AsyncClient]]:
     app = load("web_app").app
