@@ -248,6 +248,7 @@ class Scan(MeasuredSamples):
             beams: Number of equal steps around the circle; None for as many as the scan has samples, which
                 varies from scan to scan.
             begin_deg: Device angle where the grid begins, degrees clockwise; None for where this revolution began.
+                The beams between the two get the time of a revolution earlier or later.
             order: ``"counter-clockwise"``: `angle_increment` is positive and `time_increment` negative.
                 ``"measured"``: the same beams in the order of measuring, `angle_increment` is negative and
                 `time_increment` positive.
