@@ -14,6 +14,7 @@ from lidario.basics.system import cause_of, real_path
 from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
 from lidario.port.guard import NAME as GUARD
+from lidario.port.guard import is_guarded_here
 
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 _NOT_SERIAL = (errno.ENOTTY, errno.EINVAL, errno.EISDIR)
@@ -67,7 +68,7 @@ def _holds(process: Path, path: str) -> bool:
 def busy(path: str) -> ConnectFailed:
     """The error for a port that is held already, with the name of the program where it can be found."""
     who = min(holders(path), key=lambda holder: holder[1] == GUARD, default=None)
-    if who is not None:
+    if who is not None and (who[1] != GUARD or not is_guarded_here(path)):
         why = f"is busy: held by PID {who[0]} ({who[1]}). Stop that program first."
     elif _holds(Path("/proc/self"), path):
         why = "is busy: this program has it open already. A lidar is opened once, and may have several readers."

@@ -285,6 +285,12 @@ def wait_for_guard(line: str) -> None:
         time.sleep(_LOOK_S)
 
 
+def is_guarded_here(line: str) -> bool:
+    """Whether this line, as for `wait_for_guard`, has a guard of this program, which holds it then."""
+    same = real_path(line)
+    return any(program == os.getpid() and real_path(held) == same for program, held in _guards())
+
+
 def _guards() -> Iterator[tuple[int, str]]:
     """All guards: the number of the program of each, and its line as that has named it."""
     for process in Path("/proc").glob("[0-9]*"):

@@ -275,7 +275,7 @@ async def test_its_end_without_a_farewell_is_told(caplog: pytest.LogCaptureFixtu
 
 @pytest.mark.long
 def test_a_port_that_a_guard_has_is_held_by_its_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is said to the next program: the guard of a program that lives is not waited for, and not named."""
+    """The guard of a program that lives is not waited for. Nor is that program told to stop it: it has the port."""
     with served("rplidar-s2") as server:
 
         async def main() -> None:
@@ -283,7 +283,7 @@ def test_a_port_that_a_guard_has_is_held_by_its_program(monkeypatch: pytest.Monk
                 with monkeypatch.context() as patch:
                     patch.setattr("lidario.port.guard.time.sleep", lambda _: pytest.fail("waited"))
                     wait_for_guard(server.path)
-                assert "lidario-guard" in str(busy(server.path))
+                assert "this program has it open already" in str(busy(server.path))
 
         asyncio.run(main())
         assert guards_of(os.getpid()) == []
