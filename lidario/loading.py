@@ -47,13 +47,15 @@ def load(name: str) -> "ModuleType":
             done.set()
 
     # No daemon: the interpreter must not end in the midst of an import.
-    start_apart(threading.Thread(target=run, name="lidario: import").start, lambda _: done.set())
+    thread = threading.Thread(target=run, name="lidario: import")
     try:
+        start_apart(thread.start, lambda _: done.set())
         done.wait()
     except KeyboardInterrupt:
         # A program that ends now waits for the import anyway. What that runs by `exec` would make Python forget
         # Ctrl-C, and the exit code would be another one.
-        done.wait()
+        if thread.is_alive():
+            done.wait()
         raise
     if not found:  # the system allows no more threads
         return import_module(name)

@@ -17,6 +17,7 @@ import serial
 import lidario
 from lidario import CannotRecord, ConnectFailed, LidarError, open_lidar, open_sync
 from lidario.cli.errors import report
+from lidario.cli.output import Worker
 from lidario.loading import load
 from lidario.port.background import run_in_thread
 from lidario.port.diagnose import why_not_opened
@@ -180,6 +181,27 @@ async def test_no_memory_for_a_thread_is_no_endless_wait(monkeypatch: pytest.Mon
         patch.delitem(sys.modules, "numpy")
         patch.setattr("lidario.loading.import_module", lambda name: name)
         assert str(load("numpy")) == "numpy"
+    assert sys.modules["numpy"] is numpy
+
+
+async def test_a_thread_that_dies_at_its_first_step_is_no_endless_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It found no memory for that, and `Thread.start` waits for it for ever."""
+    released = threading.Event()
+    numpy = sys.modules["numpy"]
+    with monkeypatch.context() as patch:
+        patch.setattr("lidario.port.latch._PIECES", 1)
+        patch.setattr("lidario.port.latch._PIECE_S", 0.01)
+        patch.setattr(threading.Thread, "start", lambda _: released.wait())
+        with pytest.raises(ConnectFailed, match=NO_THREADS):
+            await run_in_thread(lambda: None)
+        with pytest.raises(ConnectFailed, match=NO_THREADS):
+            open_sync(make_rig("rplidar").device)
+        with pytest.raises(ConnectFailed, match=NO_THREADS):
+            Worker("of the command")
+        patch.delitem(sys.modules, "numpy")
+        patch.setattr("lidario.loading.import_module", lambda name: name)
+        assert str(load("numpy")) == "numpy"
+        released.set()
     assert sys.modules["numpy"] is numpy
 
 

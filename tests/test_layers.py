@@ -32,7 +32,7 @@ OF_SYSTEM = {*SANS_IO, "io", "logging", "os", "pathlib", "random", "sys", "tempf
 BESIDE_THE_PUBLIC_NAMES = {
     "cli": (
         "basics.system", "basics.words", "cli", "conformance", "families.adapters", "families.registry",
-        "recording", "ros", "sim", "web",
+        "port.background", "recording", "ros", "sim", "web",
     ),
     "web": ("filters", "web"),
     "testing": ("basics.arguments", "conformance", "loading", "sim", "testing"),

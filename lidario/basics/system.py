@@ -5,7 +5,10 @@ import os
 from typing import Final, TypeGuard
 
 NO_FILES: Final = "this program may open no more files: `ulimit -n`, or LimitNOFILE of its service, says how many"
-NO_THREADS: Final = "the system allows no more threads: `ulimit -u`, or TasksMax of its service, says how many"
+NO_THREADS: Final = (
+    "the system allows no more threads: `ulimit -u`, or TasksMax of its service, says how many, and each needs "
+    "memory (`ulimit -v`)"
+)
 
 
 def is_exhausted(error: BaseException) -> TypeGuard[OSError | MemoryError]:

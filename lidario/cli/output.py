@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Final
 import lidario
 from lidario.basics.system import NO_THREADS
 from lidario.cli.streams import CannotWrite, ReaderGone, beside, can_be_drawn_on, emit, show
+from lidario.port.background import start_thread
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -52,9 +53,8 @@ class Worker:
     def __init__(self, name: str, grace_s: float = GRACE_S) -> None:
         self._grace_s = grace_s
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         try:
-            self._thread.start()
+            self._thread = start_thread(self._run, name)
         except RuntimeError as error:
             raise lidario.ConnectFailed(NO_THREADS, reason="missing") from error
 

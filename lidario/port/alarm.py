@@ -86,5 +86,5 @@ def make_alarm() -> Alarm:
     """The best that there is."""
     try:
         return TimerAlarm()
-    except (AttributeError, OSError, TypeError):
+    except (AttributeError, MemoryError, OSError, TypeError):
         return Alarm()

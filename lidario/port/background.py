@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from lidario.basics.system import NO_THREADS
 from lidario.errors import ConnectFailed, LocalProtocolError
-from lidario.port.latch import Latch, start_apart
+from lidario.port.latch import start_apart
 
 T = TypeVar("T")
 
@@ -50,19 +50,8 @@ def start_thread(work: Callable[[], None], name: str) -> threading.Thread:
         RuntimeError: The system allows no more threads, or no memory is left for one.
     """
     thread = threading.Thread(target=work, name=name, daemon=True)
-    begun = Latch()
     failures: list[Exception] = []
-
-    def start() -> None:
-        thread.start()
-        begun.set()
-
-    def fail(error: Exception) -> None:
-        failures.append(error)
-        begun.set()
-
-    start_apart(start, fail)
-    begun.wait()
+    start_apart(thread.start, failures.append)
     if failures:
         raise RuntimeError(*failures[0].args) from failures[0]
     return thread

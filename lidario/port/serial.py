@@ -17,7 +17,6 @@ import asyncio
 import contextlib
 import logging
 import os
-import threading
 from functools import partial
 
 import serial_asyncio
@@ -25,7 +24,7 @@ import serial_asyncio
 from lidario.basics.model import LineErrors
 from lidario.errors import ConnectFailed
 from lidario.port.adapter import FOREIGN, Adapter, count_errors
-from lidario.port.background import run_in_thread
+from lidario.port.background import run_in_thread, start_thread
 from lidario.port.diagnose import busy, held, is_pseudo_terminal, why_not_opened
 from lidario.port.guard import wait_for_guard
 from lidario.port.port import Port
@@ -212,7 +211,10 @@ class _SerialLine(PolledLine, asyncio.Protocol):
                 # The driver cannot discard (usb-serial cannot), so the kernel makes the last close wait for up to
                 # 30 s. This duplicate is what is closed last, in a thread.
                 duplicate = os.dup(self._device.fileno())
-                threading.Thread(target=os.close, args=(duplicate,), name="lidario: close", daemon=True).start()
+                try:
+                    start_thread(partial(os.close, duplicate), "lidario: close")
+                except RuntimeError:  # the system allows no more threads
+                    os.close(duplicate)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The transport has ended, perhaps by itself: hand over what was held, close the port, and report it."""

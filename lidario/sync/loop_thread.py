@@ -68,8 +68,9 @@ class LoopThread:
             self._unstarted.pop().start()
 
     def _not_started(self, error: Exception) -> None:
-        """The system allows no more threads. Those who wait for this one are told so."""
+        """The system allows no more threads. Who waits for this one is told so; if it begins late, it ends."""
         self._unstarted.clear()
+        self._is_wanted = False
         self._error = ConnectFailed(NO_THREADS, reason="missing")
         self._error.__cause__ = error
         self._running.set()
@@ -150,6 +151,9 @@ class LoopThread:
         if threading.get_ident() == self._thread.ident:
             raise LocalProtocolError("the lidar's own thread cannot wait for its own end")
         self.end_soon()
+        if self._unstarted:
+            # It was interrupted before it started the thread, and what is waited for is what the thread does last.
+            self._start()
         self._ended.wait()
         if self._thread.ident is not None:
             self._thread.join()
@@ -165,10 +169,7 @@ class LoopThread:
         if not self.belongs_here:
             return
         self._is_wanted = False
-        if self._loop is None:
-            # It may have been interrupted before it started the thread: `end` waits for what the thread does last.
-            self._start()
-        elif self._leave is not None:
+        if self._loop is not None and self._leave is not None:
             with suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(self._leave.set)
 

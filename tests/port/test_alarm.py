@@ -58,13 +58,16 @@ def test_one_that_is_put_off_does_not_wake_also_where_its_time_had_come(make: Ca
         assert waiting.is_alive()
 
 
-def test_where_the_system_gives_no_timer_the_thread_wakes_to_look(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [OSError("too many open files"), MemoryError()])
+def test_where_the_system_gives_no_timer_the_thread_wakes_to_look(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
     alarm = make_alarm()
     assert isinstance(alarm, TimerAlarm)
     alarm.close()
 
     def refused() -> Alarm:
-        raise OSError("too many open files")
+        raise error
 
     monkeypatch.setattr("lidario.port.alarm.TimerAlarm", refused)
     assert type(make_alarm()) is Alarm

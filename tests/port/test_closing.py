@@ -155,6 +155,22 @@ async def test_a_driver_that_cannot_discard_is_closed_off_the_loop(
 
 
 @driven
+async def test_it_is_closed_on_the_loop_where_the_system_allows_no_more_threads(
+    ends: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    before = open_files()
+    port = await open_serial(ends[2], 115200)
+    Wedged(monkeypatch, 7, discards=False)
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    await port.close()
+    assert not port.is_open
+    until(lambda: open_files() <= before)
+
+
+@driven
 async def test_a_line_that_does_not_close_is_given_up_after_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     """As docs/bounds.md says."""
     monkeypatch.setattr(MemoryTransport, "abort", MemoryTransport.close)
