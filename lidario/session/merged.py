@@ -13,7 +13,7 @@ from lidario.scans.merging import OLDEST_S, Merged, MergedScans
 from lidario.scans.points import Motion, Mount
 from lidario.scans.scan import Scan
 from lidario.session.lidar import Lidar
-from lidario.session.streaming.stream import ScanStream, check_loop, until_there
+from lidario.session.streaming.stream import ScanStream, check_loop, is_inherited, until_there
 
 
 class MergedStream(AsyncOnly, Held):
@@ -98,7 +98,7 @@ class MergedStream(AsyncOnly, Held):
     async def close(self) -> None:
         """End the streams. Laser and motor of each lidar stop, unless another task reads it.
 
-        Harmless when done before.
+        Harmless when done before. In a forked child nothing is done: the lidars are its parent's.
 
         Raises:
             LocalProtocolError: It was called in another event loop, such as one of another thread. The streams go
@@ -107,6 +107,8 @@ class MergedStream(AsyncOnly, Held):
         if self._loop is not None and self._loop.is_closed():
             # The tasks that read have gone with it.
             self._reading.clear()
+        elif any(map(is_inherited, self._streams)):
+            return
         elif self._loop is not None:
             check_loop(self._loop)
         self._is_over = True

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lidario import Lidar, LocalProtocolError, Mount, ScanStream, merged
+from lidario import Lidar, LocalProtocolError, MergedStream, Mount, Recording, ScanStream, merged
 from tests.support.devices import Rig
 
 REFUSED = 7
@@ -54,12 +54,24 @@ async def test_it_is_refused_and_the_parent_goes_on(rig: Rig, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("begun", [True, False])
-async def test_leaving_is_harmless(rig: Rig, begun: bool) -> None:
-    def leave(lidar: Lidar, stream: ScanStream) -> list[Callable[[], Awaitable[object]]]:
-        return [stream.aclose, lambda: stream.__aexit__(None, None, None), lidar.close]
+async def test_leaving_is_harmless(rig: Rig, tmp_path: Path, begun: bool) -> None:
+    def leave(
+        lidar: Lidar, stream: ScanStream, clouds: MergedStream, recording: Recording
+    ) -> list[Callable[[], Awaitable[object]]]:
+        return [
+            stream.aclose, lambda: stream.__aexit__(None, None, None), clouds.close,
+            lambda: clouds.__aexit__(None, None, None), recording.close, lidar.close,
+        ]  # fmt: skip
 
     async with rig.read() as (lidar, stream):
-        steps = leave(lidar, stream if begun else lidar.scans())
+        clouds, recording = merged(lidar, mounts=[Mount()]), lidar.record(tmp_path / "run.mcap")
+        if begun:
+            await anext(clouds)
+            await recording.start()
+        steps = leave(lidar, stream if begun else lidar.scans(), clouds, recording)
         assert exit_code_in_a_child(steps, refused=False) == REFUSED
         await anext(stream)
+        if begun:
+            await anext(clouds)
+            await recording.close()
         assert lidar.stats.interruptions == 0

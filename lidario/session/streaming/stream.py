@@ -301,6 +301,11 @@ def until_there(stream: ReaderStream[Any]) -> Coroutine[Any, Any, None]:
     return stream._mailbox.wait()  # noqa: SLF001 - of this module
 
 
+def is_inherited(stream: ReaderStream[Any]) -> bool:
+    """Whether this is a forked child: the lidar that `stream` reads is its parent's."""
+    return stream._source.is_forked  # noqa: SLF001 - of this module
+
+
 def next_end(stream: ReaderStream[Any]) -> asyncio.Future[None]:
     """What is done when `stream`, which need not be begun, would end; with the error that it would raise.
 
