@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 from typing import Final, TypeGuard
 
 NO_FILES: Final = "this program may open no more files: `ulimit -n`, or LimitNOFILE of its service, says how many"
@@ -24,6 +25,17 @@ def cause_of(error: OSError | MemoryError) -> str:
         return NO_FILES
     text = error.strerror or str(error)
     return text[:1].lower() + text[1:]
+
+
+def working_folder() -> Path:
+    """The folder in which relative paths begin now; where it was removed, one in which nothing is found.
+
+    A program may go to another folder, as a daemon does. What opens a path again begins in this one.
+    """
+    try:
+        return Path.cwd()
+    except OSError:
+        return Path()
 
 
 def real_path(path: str) -> str:

@@ -54,7 +54,7 @@ class FileDecoder:
         stored = self.recording.streams[0]
         decoder = UntimedScans(stored.open())
         self.stats = decoder.pipeline.stats
-        with StoredFile(self.recording.path, self.recording.size) as file:
+        with StoredFile(self.recording.path, self.recording.size, self.recording.folder) as file:
             file.seek(stored.began.at)
             yield from decoder.scans_of(iter(lambda: file.read(BLOCK), b""))
         self._count(decoder.pipeline.link.stats)

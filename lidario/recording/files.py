@@ -109,7 +109,7 @@ class RawRecording(StoredStreams):
         stream = self.streams[0].open()
         link, times, at_ns = Link(), StoredTimes(stream), 0
         link.enter_stream(stream.format)
-        with StoredFile(self.path, self.size) as file:
+        with StoredFile(self.path, self.size, self.folder) as file:
             file.seek(self.streams[0].began.at)
             while data := file.read(_PIECE):
                 link.receive_data(data, 0)

@@ -22,6 +22,7 @@ class StoredFile(Closing):
     Args:
         path: The file.
         before: Bytes that it had before, if it was opened before: no more are read.
+        folder: Where a relative path begins, if it was opened before.
 
     Attributes:
         size: Its bytes when it was first opened.
@@ -32,14 +33,15 @@ class StoredFile(Closing):
             methods raise it where it cannot be read any more.
     """
 
-    def __init__(self, path: Path, before: int | None = None) -> None:
+    def __init__(self, path: Path, before: int | None = None, folder: Path = Path()) -> None:
         self.path: Path = path
         self.at: int = 0
+        place = folder / path
         try:
-            kind = kind_of(path.stat().st_mode)
+            kind = kind_of(place.stat().st_mode)
             if not kind:
                 # It may have become another one by now, so opening it must not wait either.
-                handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+                handle = os.open(place, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
                 self._file = os.fdopen(handle, "rb")
                 kind = kind_of(os.fstat(handle).st_mode)
                 self.size: int = os.fstat(handle).st_size

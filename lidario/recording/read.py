@@ -15,6 +15,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
+from lidario.basics.system import working_folder
 from lidario.errors import ConnectFailed, RecordingError
 from lidario.families.base import Decoder, Family, Stream
 from lidario.families.registry import family_named
@@ -108,6 +109,7 @@ class StoredStreams(ABC):
     def __init__(self, path: Path, *, timed: bool = True) -> None:
         self.path: Path = path  # the file, or what names its files
         self.paths: tuple[Path, ...] = (path,)  # its files
+        self.folder: Path = working_folder()  # where relative paths begin
         self.timed: bool = timed  # whether it is known when each byte was read
         self.responses: dict[bytes, Responded] = {}  # request -> the latest response to it
         # What of the file is missing or was changed, as far as that can be told; empty where nothing is.

@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from lidario.basics.system import working_folder
 from lidario.errors import RecordingError
 from lidario.recording.about import NAME, About
 from lidario.recording.chronicle import StreamEvent, event_of
@@ -46,6 +47,7 @@ class RecordedFiles:
     def __init__(self, path: Path, paths: Sequence[Path]) -> None:
         self.paths: tuple[Path, ...] = tuple(paths)
         self.size: int = 0
+        self._folder = working_folder()
         self._sizes: dict[Path, int] = {}
         if len(paths) > 1:
             beginnings = [(*self._beginning(each), each) for each in paths]
@@ -78,7 +80,7 @@ class RecordedFiles:
     def _records_of(self, path: Path, reached: Reached) -> Iterator[Stored]:
         topics: dict[int, str] = {}
         begun: list[About] = []
-        with StoredFile(path, self._sizes.get(path)) as file:
+        with StoredFile(path, self._sizes.get(path), self._folder) as file:
             self._sizes[path] = file.size
             for record in read_records(file):
                 if isinstance(record, Message):

@@ -33,14 +33,20 @@ async def replugged(server: WaitingPtyServer | ReplugTcpServer) -> float:
     return time.monotonic()
 
 
-@pytest.mark.parametrize("family", ["rplidar", "ydlidar"])
-async def test_it_is_found_again_through_a_link(family: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("family", "relative"), [("rplidar", False), ("ydlidar", False), ("rplidar", True)])
+async def test_it_is_found_again_through_a_link(
+    family: str, relative: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where its path was relative, and the program has gone to another folder, as a daemon does."""
     device = make_rig(family).device
     device.boot_s = BOOT_S
     path = tmp_path / "usb-CP2102_0001-if00-port0"
     with WaitingPtyServer(device) as server:
         server.link(path)
-        async with open_lidar(str(path), family=family, reconnect=True) as lidar, lidar.scans() as stream:
+        monkeypatch.chdir(tmp_path)
+        source = path.name if relative else str(path)
+        async with open_lidar(source, family=family, reconnect=True) as lidar, lidar.scans() as stream:
+            monkeypatch.chdir("/")
             last = await anext(stream)
             name = server.path
             pulled = await replugged(server)

@@ -13,10 +13,11 @@ has responded, or nothing for a long time, is not asked again until it has been 
 """
 
 import os
+from dataclasses import replace
 from typing import TypeAlias
 
 from lidario.basics.source import Source
-from lidario.basics.system import real_path
+from lidario.basics.system import real_path, working_folder
 from lidario.port.background import run_in_thread
 from lidario.session.finding import discovery
 
@@ -33,6 +34,9 @@ class Places:
     """The places of one device, whose source is neither ``auto`` nor ``id``."""
 
     def __init__(self, source: Source) -> None:
+        if source.kind == "serial" and os.name == "posix":
+            # A link with a relative path leads to it also when the program has gone to another folder.
+            source = replace(source, address=str(working_folder() / source.address))
         self._named = source
         self.last: Source = source  # where it was last
         self._always: set[_Port] = set()
