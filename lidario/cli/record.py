@@ -80,7 +80,8 @@ class _Told:
         if self.recording is not None and self.began is not None:
             message(self.so_far())
             if lost := self.recording.lost_bytes:
-                message(f"without {counted(lost, 'byte')}, because the file could not be written")
+                last = counted(lost, "byte")
+                message(f"without the last {last}, and the scans in them, because the file could not be written")
 
 
 @click.command()

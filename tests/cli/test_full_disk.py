@@ -5,6 +5,7 @@ Python keeps what it could not write and tries once more at its end; that ends t
 """
 
 import os
+import re
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -55,12 +56,12 @@ def test_a_log_on_a_full_disk_changes_no_exit_code(run: tuple[tuple[str, ...], i
 
 
 @contextmanager
-def no_room() -> Iterator[None]:
-    """Files may have no more than 100 bytes, as on a disk that is nearly full."""
+def no_room(size: int = 100) -> Iterator[None]:
+    """Files may have no more than so many bytes, as on a disk that is nearly full."""
     import resource
 
     usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, usual[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
     try:
         yield
     finally:
@@ -86,6 +87,18 @@ def test_a_recording_that_cannot_begin_leaves_no_file(tmp_path: Path, options: t
     assert "cannot be written: " in done.stderr
     assert os.listdir(tmp_path) == []
     assert invoke_driven(*command).exit_code == 0
+
+
+def test_of_a_recording_that_is_cut_short_it_is_told_that_scans_are_missing(tmp_path: Path) -> None:
+    """It was said how many had come, as if all of them were in the file."""
+    with no_room(100_000):
+        done = invoke_driven("record", SIM, "-n", "60", "-o", str(tmp_path / "run.mcap"), code=4)
+    told, lost, error = done.stderr.splitlines()[:3]
+    assert " scans" in told
+    assert re.fullmatch(
+        r"without the last \d+ bytes, and the scans in them, because the file could not be written", lost
+    )
+    assert "cannot be written: " in error
 
 
 @pytest.mark.parametrize("kind", [".csv", ".npz", ".mcap"])
