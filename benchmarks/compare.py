@@ -113,6 +113,7 @@ def write_rows(path: Path, revision: str, rows: Mapping[str, Sequence[Row]]) -> 
         if each:
             lines.append(json.dumps({"revision": revision, "benchmark": name, "columns": list(each[0])}))
             lines += [json.dumps(list(row.values()), ensure_ascii=False) for row in each]
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
@@ -127,6 +128,17 @@ def read_rows(path: Path) -> tuple[str, dict[Key, Row]]:
         row = dict(zip(head["columns"], read, strict=True))
         rows[head["benchmark"], row["format"], row["case"], row.get("way", "")] = row
     return revision, rows
+
+
+def _rows(path: str) -> tuple[str, dict[Key, Row]]:
+    """As `read_rows`, for an argument."""
+    try:
+        found = read_rows(Path(path))
+        if not found[1]:
+            raise ValueError("it has no rows")
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise argparse.ArgumentTypeError(f"{path} cannot be compared: {error}") from error
+    return found
 
 
 def changes(before: Row, after: Row, key: Key, *, strict: bool = False) -> list[Change]:
@@ -145,7 +157,7 @@ def changes(before: Row, after: Row, key: Key, *, strict: bool = False) -> list[
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare two files."""
     options = _parser().parse_args(arguments)
-    (old, before), (new, after) = read_rows(options.before), read_rows(options.after)
+    (old, before), (new, after) = options.before, options.after
     words = [] if options.select is None else options.select.split(",")
     keys = [key for key in before if all(any(word in name for name in key) for word in words)]
     both = [key for key in keys if key in after]
@@ -164,8 +176,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(prog="python -m benchmarks.compare", description=__doc__)
-    made.add_argument("before", type=Path, metavar="A.jsonl")
-    made.add_argument("after", type=Path, metavar="B.jsonl")
+    made.add_argument("before", type=_rows, metavar="A.jsonl")
+    made.add_argument("after", type=_rows, metavar="B.jsonl")
     made.add_argument("--select", metavar="WORDS", help="only rows that have all of these words in their names")
     made.add_argument("--part", action="store_true", help="B may have only some of the rows of A")
     made.add_argument("--strict", action="store_true", help="no slack: each figure counts")

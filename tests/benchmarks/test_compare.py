@@ -74,6 +74,20 @@ def test_a_missing_row_is_worse_unless_a_part_was_run(tmp_path: Path, capsys: py
     assert compare.main([after, before]) == 0
 
 
+@pytest.mark.parametrize("text", [None, "", "[1, 2]", '{"revision": "abc"}\n[1]', "\x00", '"rows"'])
+def test_what_is_no_file_of_rows_is_told_and_is_no_row_that_became_worse(
+    text: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Which ends with 1, as an exception does."""
+    other = tmp_path / "other.jsonl"
+    if text is not None:
+        other.write_text(text)
+    with pytest.raises(SystemExit) as ended:
+        compare.main([_written(tmp_path / "a.jsonl", ROW), str(other)])
+    assert ended.value.code == 2
+    assert "other.jsonl cannot be compared: " in capsys.readouterr().err
+
+
 def test_the_yardsticks_can_be_read() -> None:
     folder = Path(compare.__file__).parent / "yardsticks"
     for name, rows in (("truth", 1200), ("damage", 63)):
