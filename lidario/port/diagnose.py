@@ -5,12 +5,14 @@ Everything here may block for tens of milliseconds, since it reads ``/proc``: ca
 
 import errno
 import os
+import re
 import stat
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 from lidario.basics.system import cause_of, real_path
+from lidario.basics.whole_file import kind_of
 from lidario.errors import ConnectFailed
 from lidario.families.registry import FAMILIES
 from lidario.port.guard import NAME as GUARD
@@ -87,9 +89,11 @@ def why_not_opened(path: str, error: Exception) -> ConnectFailed:
     # elsewhere is denied.
     if code in _LOCKED or "exclusively lock" in text or "PermissionError" in text:
         return busy(path)
+    if instead := _instead(path):
+        return ConnectFailed(f"{path} {instead}. `lidario devices` lists the ports", reason="missing")
     if code in _NOT_SERIAL or "configure port" in text:
-        why = os.strerror(code) if code else text
-        return ConnectFailed(f"{path} {_instead(path, why)}. `lidario devices` lists the ports", reason="missing")
+        why = f"is not a serial port, or cannot be set up as one: {os.strerror(code) if code else text}"
+        return ConnectFailed(f"{path} {why}. `lidario devices` lists the ports", reason="missing")
     if code in _GONE or "FileNotFoundError" in text or "\0" in path:
         return ConnectFailed(f"no such port: {path!r}. {_meant(path)}", reason="missing")
     if code:
@@ -101,22 +105,23 @@ def _meant(path: str) -> str:
     """What somebody may have meant who names a port that is not there."""
     if any(path in family.simulated for family in FAMILIES):
         return f"The simulated lidar of that name is sim://{path}"
+    if re.fullmatch(r"[\w.-]+:[0-9]{1,5}", path):
+        return f"A lidar on the network is tcp://{path} or udp://{path}"
     if os.sep not in path and "\0" not in path and os.path.exists(f"/dev/{path}"):
         return f"Did you mean /dev/{path}?"
     return "Is it plugged in? `lidario devices` lists the ports"
 
 
-def _instead(path: str, why: str) -> str:
-    """What the path is, if it is no serial port."""
+def _instead(path: str) -> str:
+    """What the path is; empty where it may be a serial port, or is not there."""
     try:
         mode = os.stat(path).st_mode
-    except OSError:
-        mode = stat.S_IFCHR
-    if stat.S_ISDIR(mode):
-        return "is a directory and not a serial port"
+    except (OSError, ValueError):
+        return ""
     if stat.S_ISREG(mode):
         return "is a file and not a serial port; the name of a recording ends with .mcap or .bin"
-    return f"is not a serial port, or cannot be set up as one: {why}"
+    kind = "" if stat.S_ISCHR(mode) else "a device for disks" if stat.S_ISBLK(mode) else kind_of(mode)
+    return kind and f"is {kind} and not a serial port"
 
 
 def _errno(error: Exception) -> int | None:
@@ -138,9 +143,9 @@ def _forbidden(path: str) -> ConnectFailed:
         found = os.stat(path)
     except OSError:
         return ConnectFailed(f"no permission for {path}", reason="permission")
-    if stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode):
+    if instead := _instead(path):
         # The cure for a port would open it to everybody, and it would still be no port.
-        return ConnectFailed(f"{path} {_instead(path, '')}", reason="missing")
+        return ConnectFailed(f"{path} {instead}", reason="missing")
     return ConnectFailed(f"no permission for {path}{_cure(path, found)}", reason="permission")
 
 

@@ -3,7 +3,6 @@
 import errno
 import os
 import stat
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -69,12 +68,25 @@ def test_the_cure_for_a_forbidden_port(
     assert never not in str(failed)
 
 
-@pytest.mark.parametrize("kind", ["file", "directory"])
-def test_no_one_is_told_to_open_a_forbidden_file_to_everybody(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / "shadow"
-    path.touch() if kind == "file" else path.mkdir()
-    failed = why_not_opened(str(path), PermissionError(errno.EACCES, "denied"))
-    assert f"{path} is a {kind} and not a serial port" in str(failed)
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EINVAL, errno.ENXIO, errno.ETXTBSY])
+@pytest.mark.parametrize(
+    ("kind", "called"),
+    [
+        (stat.S_IFREG, "a file"),
+        (stat.S_IFDIR, "a directory"),
+        (stat.S_IFIFO, "a pipe (FIFO)"),
+        (stat.S_IFSOCK, "a socket"),
+        (stat.S_IFBLK, "a device for disks"),
+    ],
+)
+def test_what_is_no_port_is_called_by_its_name_and_no_one_is_told_to_open_it_to_everybody(
+    kind: int, called: str, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or to join the group disk."""
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "stat", lambda path: os.stat_result((kind | 0o660, 0, 0, 1, 0, 6, 0, 0, 0, 0)))
+        failed = why_not_opened("/dev/sda", OSError(number, os.strerror(number)))
+    assert f"/dev/sda is {called} and not a serial port" in str(failed)
     assert "sudo" not in str(failed)
     assert failed.reason == "missing"
 

@@ -4,6 +4,7 @@ import asyncio
 import errno
 import os
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -41,6 +42,8 @@ async def failure(path: str, baudrate: int = 115200) -> ConnectFailed:
         ("null", "'null'. Did you mean /dev/null?"),
         ("rplidar-s2", "'rplidar-s2'. The simulated lidar of that name is sim://rplidar-s2"),
         ("/dev/\udcff", "no such port"),
+        (os.path.realpath(sys.executable), "is a file and not a serial port"),  # the system says: text file busy
+        ("192.168.0.7:20108", "A lidar on the network is tcp://192.168.0.7:20108 or udp://192.168.0.7:20108"),
     ],
 )
 async def test_what_is_no_serial_port_says_so(path: str, says: str) -> None:
