@@ -1,15 +1,17 @@
 """The watchdog of a stream: what it waits for, what it reads before it judges, and what it names as the cause."""
 
+import asyncio
 import math
+from typing import Any
 
 import pytest
 
-from lidario import ScanStream
+from lidario import ScanStream, StreamFailed
 from lidario.basics.model import LineErrors
 from lidario.port.port import Port
 from lidario.revolution.seam import Seam
 from lidario.session.talking.trouble import Trouble
-from tests.support.devices import Rig, end_of, scanning, some
+from tests.support.devices import Rig, end_of, make_rig, scanning, some
 from tests.support.loop import driven_loop, now, now_ns
 
 
@@ -147,3 +149,31 @@ async def test_a_device_behind_a_network_may_respond_late_when_it_is_asked_why_i
         rig.device.response_delay_s = 0.4
         await some(stream, 3)
         assert lidar.stats.restarts == 1
+
+
+@pytest.mark.parametrize("dips", [1, 9])
+async def test_a_device_that_restarts_as_its_rotor_speeds_up_is_started_again(dips: int) -> None:
+    """The motor's start takes its supply down, when the first packets have come and no revolution has."""
+    rig = make_rig("rplidar-a1")
+    rig.device.spin_up_s = 2.0
+    left, loop = [dips], asyncio.get_running_loop()
+    async with rig.open() as lidar:
+        start = rig.device.HANDLERS["express_scan"]
+
+        def dip(device: Any, request: Any) -> Any:
+            why = start(device, request)
+            if left[0]:
+                left[0] -= 1
+                loop.call_later(0.1, lambda: device.reboot(now_ns()))
+            return why
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(type(rig.device).HANDLERS, "express_scan", dip)
+            async with lidar.scans() as stream:
+                if dips == 1:
+                    await some(stream, 3)
+                else:
+                    why = str(await end_of(stream, StreamFailed))
+                    assert "the fourth time within 60 s" in why
+                    assert "Is the power supply strong enough?" in why
+        assert lidar.stats.restarts == min(dips, 3)

@@ -14,9 +14,10 @@ same: silent. So it is stopped, and asked for its health, or at least what it is
 * It reports an error: it has stopped to protect itself (Protection Stop). A RESET cures that mostly. It is sent
   once; when another error follows within a minute, `DeviceFault` ends the stream, since repeated Protection Stops
   may be a sign of lasting damage (S-series interface manual, GET_HEALTH).
-* It is well, and the stream had brought scans, or its start had no response: the stream is started again, three
-  times a minute at most. That happens where power-down protection has stopped the device, and where a damaged line
-  has lost the start. Nothing at all in response to a mode that the device does not list is no damage.
+* It is well, and the stream had brought packets, or its start had no response: the stream is started again, three
+  times a minute at most. That happens where power-down protection has stopped the device, where the current of the
+  motor's start was too much for its supply, and where a damaged line has lost the start. Nothing at all in response
+  to a mode that the device does not list is no damage.
 * It is well, but the stream had brought nothing, or packets come without a revolution: `StreamFailed`.
 * It does not respond: `StreamFailed`.
 

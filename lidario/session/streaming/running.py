@@ -229,7 +229,7 @@ class Running:
             self._watch_in(NOISE_S)
         elif idle >= patience and not may_come:
             what = f"no scan data for {idle:.1f} s{', though other packets arrive' * sends}"
-            cause, restart = "does the rotor turn? Is the power supply strong enough?", self._has_turned
+            cause, restart = "does the rotor turn? Is the power supply strong enough?", not began
             self._failed(Failure(what, cause, noise=noise, sends=sends, restart=restart, lasted_s=lasted_s))
         elif turning >= turns:
             what = f"scan data arrives, but no full revolution for {turning:.1f} s"
