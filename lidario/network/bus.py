@@ -308,6 +308,8 @@ def _config(module: Any, router: str) -> "zenoh.Config":
         "scouting/multicast/enabled": False,
         # How soon it tries again when the router is gone: zenoh's own first wait is a second.
         "connect/retry": {"period_init_ms": 250, "period_max_ms": 4000, "period_increase_factor": 2},
+        # Who listens there and says nothing is waited for where nobody has closed the bus, when the program ends.
+        "transport/unicast/open_timeout": 5000,
         # It would put together messages of a gigabyte from their fragments.
         "transport/link/rx/max_message_size": 2 * MOST_MESSAGE_BYTES,
         # It would keep files in /dev/shm open for messages of a few kilobytes.

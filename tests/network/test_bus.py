@@ -13,7 +13,7 @@ import pytest
 
 from lidario.network import bus as module
 from lidario.network import handover
-from lidario.network.bus import Bus, Sample
+from lidario.network.bus import OPEN_S, Bus, Sample
 
 ROUTER = "tcp/192.0.2.7:7447"
 
@@ -298,3 +298,5 @@ async def test_only_the_router_that_was_named_is_connected_to(
     assert config.get_json("mode") == '"client"'
     assert config.get_json("connect/endpoints") == f'["{ROUTER}"]'
     assert config.get_json("scouting/multicast/enabled") == "false"
+    # A program that has not closed it waits so long at its end; and no thread is left in zenoh behind `OPEN_S`.
+    assert float(config.get_json("transport/unicast/open_timeout")) < 1e3 * OPEN_S
