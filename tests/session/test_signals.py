@@ -4,6 +4,7 @@ The device runs in this process and the program in another one, so what reached 
 """
 
 import asyncio
+import os
 import signal
 import subprocess
 import threading
@@ -279,3 +280,30 @@ def test_a_process_that_multiprocessing_has_started_ends_without_closing(left: s
         assert (process.returncode, process.stderr) == (5, "")
         until(lambda: is_still(server), lambda: requests(server)[-5:])
         assert was_stopped(server)
+
+
+BESIDE_A_PROCESS = """
+import multiprocessing, signal, sys
+import lidario
+
+lidar = lidario.open_sync(sys.argv[1])
+scans = iter(lidar.scans())
+next(scans)
+process = multiprocessing.get_context("spawn").Process(target=signal.pause)
+process.start()
+print(process.pid, flush=True)
+"""
+
+
+@pytest.mark.long
+def test_a_program_that_never_closes_stops_it_before_it_waits_for_a_process_that_it_has_started() -> None:
+    """The lidar went on turning for as long as that process did."""
+    with served("rplidar-s2") as server, child(UNDISTURBED + BESIDE_A_PROCESS, server.path) as program:
+        other = int(line_of(program.stdout))
+        try:
+            until(lambda: is_still(server), lambda: requests(server)[-5:])
+            assert was_stopped(server)
+            assert program.poll() is None
+        finally:
+            os.kill(other, signal.SIGKILL)
+        assert program.wait(30) == 0
