@@ -122,6 +122,17 @@ def test_where_packets_are_missing_the_stamps_do_not_follow_each_other(begin_ms:
         assert apart_ns == pytest.approx((gone + 1) * PACKET_NS, abs=MS)
 
 
+@pytest.mark.parametrize(("gone", "came"), [(2, 1), (5, 3), (300, 2)])
+def test_the_first_packets_behind_an_outage_are_not_dated_by_those_before_it(gone: int, came: int) -> None:
+    """Those are still more, and would tell a time that is earlier by the outage."""
+    data, times = made(5.0)
+    kept, before = np.delete(np.arange(len(times)), slice(903, 903 + gone)), [*range(7, 903, 7), 903]
+    rows, times = np.frombuffer(data, np.uint8).reshape(-1, 47)[kept].tobytes(), times[kept]
+    ends = [*before, *range(903 + came, len(times), 7)]
+    found = errors_ms(received(rows, [(end, round(times[end - 1] + WIRE_NS)) for end in ends]), times)
+    assert max(map(abs, found[len(before) // 2 :])) < 0.5
+
+
 @pytest.mark.parametrize(("packet_ns", "fewest"), [(PACKET_NS, 3), (100e6, 1)])
 def test_three_packets_that_follow_each_other_tell_a_time_and_of_whole_revolutions_one(
     packet_ns: float, fewest: int

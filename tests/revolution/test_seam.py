@@ -135,6 +135,14 @@ def test_a_mark_before_the_seam_ends_the_turn_once() -> None:
     assert found == [(0, True), (4, True), (10, False)]
 
 
+@pytest.mark.parametrize(("place", "moved"), [(3_000, False), (3_001, True), (33_000, True), (33_001, False)])
+def test_a_mark_that_stands_elsewhere_than_the_one_before_has_moved(place: int, moved: bool) -> None:
+    """By more than a twelfth of a turn, either way: what lies before it is only part of a turn."""
+    seam = Seam(TURN, None)
+    seam.splits([0 | BEGINS, *range(500, place, 500)])
+    assert seam.splits([place | BEGINS]) == [Split(0, marked=True, broken=False, seam=place, moved=moved)]
+
+
 @pytest.mark.long
 @given(
     step=st.integers(20, 3_000),

@@ -248,6 +248,20 @@ async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_close
         await closing
 
 
+@pytest.mark.parametrize("after_s", [0.8, 1.1])
+async def test_a_line_that_works_is_asked_no_more_when_it_is_given_up(rig: Rig, after_s: float) -> None:
+    """Neither by a question that waits for its turn meanwhile, nor by one behind that: both end at once."""
+    async with on_a_cable(rig) as (_, lidar), scanning(lidar) as stream:
+        rig.device.mute = True
+        fell_silent = now()
+        await asyncio.sleep(after_s)
+        assert lidar.is_connected is (after_s < 1.0)
+        with takes(0.2), pytest.raises(DeviceLost):
+            await lidar.get_health()
+        rig.device.mute = False
+        await next_after(stream, fell_silent)
+
+
 async def test_where_nothing_responds_other_places_are_looked_at_within_two_seconds() -> None:
     async with on_a_cable("rplidar", reconnect=Reconnect(limit_s=20.0)) as (cable, lidar):
         stream = lidar.scans()
