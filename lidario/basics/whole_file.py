@@ -29,6 +29,16 @@ def not_a_file(path: Path) -> str:
         return ""
 
 
+def is_named_pipe(path: str | os.PathLike[str]) -> bool:
+    """Whether `path` is a pipe with a name (FIFO): to open it waits until somebody writes to it, for ever perhaps.
+
+    What a shell puts in the place of ``<(…)`` is a pipe, too, but has no name: somebody writes to it.
+    """
+    with contextlib.suppress(OSError):
+        return stat.S_ISFIFO(os.stat(path).st_mode) and os.path.exists(os.path.realpath(path))
+    return False
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A new file to write to, which takes the name `path` when the block ends; one that fails leaves nothing.

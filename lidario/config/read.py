@@ -14,6 +14,7 @@ from typing import Any, Final
 import lidario.filters as filters
 from lidario.basics.arguments import finite, path_of, shown
 from lidario.basics.system import cause_of
+from lidario.basics.whole_file import is_named_pipe
 from lidario.errors import InvalidValue
 from lidario.filters.base import Filter
 from lidario.scans.points import Mount
@@ -78,6 +79,8 @@ def read_config(path: str | os.PathLike[str]) -> Config:
     """
     name = str(path_of(path, "a file of settings"))
     try:
+        if is_named_pipe(name):
+            raise InvalidValue(f"{name}: the file of settings cannot be read: it is a pipe (FIFO)")
         with open(name, "rb") as file:
             data = file.read(MOST_BYTES + 1)
     except OSError as error:

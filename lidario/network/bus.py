@@ -19,7 +19,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeVar
 from lidario.errors import ConnectFailed, InvalidValue
 from lidario.network.handover import ITEM_BYTES, Handover
 from lidario.network.keys import Sender
-from lidario.network.router import OpenSession, check_router, put_into, the_package, why_no_router, words_of
+from lidario.network.router import (
+    OpenSession,
+    check_config,
+    check_router,
+    put_into,
+    the_package,
+    why_no_router,
+    words_of,
+)
 from lidario.port.background import run_in_thread, running_loop
 
 if TYPE_CHECKING:
@@ -300,7 +308,9 @@ def _collected(replies: Iterable[Any]) -> list[Sample]:
 
 def _config(module: Any, router: str) -> "zenoh.Config":
     # Certificates, user names and all else that a network may need stand in a file of the user's.
-    config: zenoh.Config = module.Config.from_env() if os.environ.get("ZENOH_CONFIG") else module.Config()
+    named = os.environ.get("ZENOH_CONFIG", "")
+    check_config(named)
+    config: zenoh.Config = module.Config.from_env() if named else module.Config()
     settings = {
         "mode": "client",
         "connect/endpoints": [router],

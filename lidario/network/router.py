@@ -24,6 +24,7 @@ from typing import Any, Final, Self
 import anyio
 
 from lidario.basics.arguments import path_of, text_of
+from lidario.basics.whole_file import is_named_pipe
 from lidario.errors import ConnectFailed, InvalidValue, Unsupported
 from lidario.port.background import run_in_thread
 from lidario.port.forked import let_go_in_children
@@ -114,6 +115,12 @@ def why_no_router(router: str) -> ConnectFailed:
     except OSError:
         return absent
     return absent
+
+
+def check_config(path: str | os.PathLike[str]) -> None:
+    """Raise InvalidValue where zenoh would read its configuration for ever, and nothing could end that."""
+    if is_named_pipe(path):
+        raise InvalidValue(f"{path} is no configuration of zenoh: it is a pipe (FIFO)")
 
 
 def put_into(config: Any, settings: Mapping[str, object]) -> None:
@@ -231,6 +238,7 @@ class Router(OpenSession):
 
 def _config(zenoh: Any, path: Path | None, addresses: Sequence[str]) -> Any:
     named = path or os.environ.get("ZENOH_CONFIG")
+    check_config(named or "")
     try:
         config = zenoh.Config.from_file(str(named)) if named else zenoh.Config()
     except zenoh.ZError as error:

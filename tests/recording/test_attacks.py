@@ -335,3 +335,14 @@ async def test_what_is_no_file_is_refused_by_every_function(tmp_path: Path) -> N
             call("/dev/zero")
     with pytest.raises(lidario.RecordingError, match="it is a pipe"):
         await lidario.open_lidar(tmp_path / "a.mcap")
+    with pytest.raises(lidario.InvalidValue, match="it is a pipe"):
+        lidario.read_config(tmp_path / "a.mcap")
+
+
+def test_settings_may_come_through_a_pipe_of_the_shell() -> None:
+    """As `--config <(…)`: its other end writes, and is closed."""
+    reading, writing = os.pipe()
+    os.write(writing, b"[default]\nframe = 'front'\n")
+    os.close(writing)
+    assert lidario.read_config(f"/dev/fd/{reading}").default.frame == "front"
+    os.close(reading)

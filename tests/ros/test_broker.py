@@ -1,5 +1,6 @@
 """`lidario router` and its engine: zenoh's own clients meet there."""
 
+import os
 import signal
 from pathlib import Path
 from typing import IO
@@ -8,6 +9,7 @@ import pytest
 
 from lidario.cli.router import is_private
 from lidario.errors import InvalidValue
+from lidario.network.bus import Bus
 from lidario.network.router import LOOPBACK, Router
 from tests.cli.processes import started
 from tests.support.children import BOUND, child, line_of
@@ -117,6 +119,19 @@ async def test_a_configuration_that_says_where_peers_listen_and_not_routers(tmp_
     file.write_text(f'{{ listen: {{ endpoints: {{ peer: ["{free_address()}"] }} }} }}')
     async with await Router.open(config=file) as router:
         assert router.addresses == ()
+
+
+async def test_a_configuration_that_is_a_pipe_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """zenoh read it for ever, and neither Ctrl-C nor SIGTERM ended the program."""
+    os.mkfifo(tmp_path / "pipe.json5")
+    with pytest.raises(InvalidValue, match=r"pipe\.json5 is no configuration of zenoh: it is a pipe"):
+        await Router.open(config=tmp_path / "pipe.json5")
+    monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "pipe.json5"))
+    for opening in (Router.open(), Bus.open()):
+        with pytest.raises(InvalidValue, match="it is a pipe"):
+            await opening
 
 
 @pytest.mark.long
