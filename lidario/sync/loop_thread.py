@@ -144,6 +144,15 @@ class LoopThread:
                 with suppress(RuntimeError):
                     self._loop.call_soon_threadsafe(call.cancel)
 
+    def leave(self, function: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """As `call`, of what ends something in the session; a session that was closed has ended all that it had.
+
+        Nothing is done in a forked child: what is to be ended is its parent's.
+        """
+        if self.belongs_here:
+            with suppress(SessionClosed):
+                self.call(function)
+
     def end(self) -> None:
         """Close the session and end the thread. Harmless when done before. Ctrl-C ends only the waiting."""
         if not self.belongs_here:

@@ -50,8 +50,7 @@ class SyncReaderStream(Closing, Generic[T]):
 
     def close(self) -> None:
         """Leave the stream. The last one to be left stops laser and motor. Harmless when done before."""
-        with suppress(SessionClosed):
-            self._thread.call(self._stream.aclose)
+        self._thread.leave(self._stream.aclose)
 
     def _release(self) -> None:
         with suppress(LidarError):
@@ -113,9 +112,7 @@ class SyncRecording(Held):
         return self.recording
 
     def __exit__(self, *_: object) -> None:
-        # A session that was closed in the block has ended its recordings.
-        with suppress(SessionClosed):
-            self._thread.call(self.recording.close)
+        self._thread.leave(self.recording.close)
 
 
 async def called(call: Callable[[], T]) -> T:

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Generator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -203,19 +204,24 @@ def test_it_is_not_sent_to_another_process() -> None:
                 pickle.dumps(held)
 
 
-def test_a_forked_child_is_refused_and_its_exit_stops_nothing() -> None:
+def test_a_forked_child_is_refused_and_its_exit_stops_nothing(tmp_path: Path) -> None:
+    """It may leave all blocks."""
     rig = make_rig("rplidar")
-    with open_sync(rig.device) as lidar:
-        scans = lidar.scans()
+    with open_sync(rig.device) as lidar, lidar.record(tmp_path / "run.mcap"):
+        scans, recording = lidar.scans(), lidar.record(tmp_path / "other.mcap")
         next(scans)
         child_pid = os.fork()
         if not child_pid:
+            code = 1
             try:
                 lidar.get_health()
             except lidario.LocalProtocolError:
-                lidar.close()
-                os._exit(7)
-            os._exit(1)
+                with suppress(lidario.LocalProtocolError):
+                    scans.close()
+                    recording.__exit__()
+                    lidar.close()
+                    code = 7
+            os._exit(code)
         assert os.waitstatus_to_exitcode(os.waitpid(child_pid, 0)[1]) == 7
         assert next(scans).seq > 0
         assert rig.device.scanning
