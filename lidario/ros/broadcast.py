@@ -192,7 +192,8 @@ class Broadcast(Entered):
             self._leave()
             await bus.close()
         elif connecting is not None:
-            await asyncio.wait([connecting])
+            with suppress(RuntimeError):  # no loop runs: this is a forked child, and the task is its parent's
+                await asyncio.wait([connecting])
 
     async def is_passed_on(self) -> bool:
         """Whether the router passes on what is published here: as soon as that is seen, or after five seconds.

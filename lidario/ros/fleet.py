@@ -22,6 +22,7 @@ from lidario.network.status import Status
 from lidario.port.background import running_loop
 from lidario.port.wall_clock import WallClock
 from lidario.scans.scan import Scan
+from lidario.session.streaming.stream import check_loop
 
 _log = logging.getLogger("lidario")
 
@@ -88,6 +89,7 @@ class Fleet(Entered):
         self._is_read = False
         self._news = asyncio.Event()
         self._bus: Bus | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None  # in which it was opened
         self._senders = Senders(_tell_mixed)
         self._missing: dict[str, int] = {}
         self._gaps = 0
@@ -118,7 +120,7 @@ class Fleet(Entered):
         """
         if self._bus is not None:
             raise LocalProtocolError("a fleet can be started once: make another one")
-        loop = running_loop()
+        loop = self._loop = running_loop()
         self._clock = WallClock(lambda: round(loop.time() * 1e9))
         self._decoders = Decoders(self._clock)
         bus = await Bus.open(self._router)
@@ -145,9 +147,15 @@ class Fleet(Entered):
         return self
 
     async def __anext__(self) -> FleetScan:
-        """The next scan of any lidar. Cancelling loses none."""
+        """The next scan of any lidar. Cancelling loses none.
+
+        Raises:
+            LocalProtocolError: It was called in another event loop, or in a forked child.
+        """
         if self._is_read:
             raise Busy("two tasks read one fleet: give each its own")
+        if self._loop is not None:
+            check_loop(self._loop, "the fleet was opened")
         self._is_read = True
         try:
             # A reader that never waits itself would see what came before it was slow, and nothing else be done.

@@ -15,8 +15,9 @@ import lidario
 from lidario.errors import DeviceLost
 from lidario.network.bus import Bus
 from lidario.network.keys import parse_token, tokens_of
-from lidario.ros import list_remote_lidars
+from lidario.ros import Fleet, Share, list_remote_lidars
 from tests.cli.processes import started
+from tests.session.test_forked_child import REFUSED, exit_code_in_a_child
 from tests.support.children import FORKS, line_of
 from tests.support.router import Router, free_address
 
@@ -131,3 +132,17 @@ def test_a_forked_child_ends_and_its_parent_goes_on(ends: str) -> None:
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(program.pid, signal.SIGKILL)
+
+
+async def test_a_child_that_is_forked_in_a_coroutine_reads_nothing_and_leaves_its_blocks(router: Router) -> None:
+    """Also where a publisher still waits for its router."""
+    async with (
+        lidario.open_lidar("sim://rplidar-s2?via=memory") as lidar,
+        Fleet("a/*", router=router.address) as fleet,
+        Share(lidar, "a/b", router=router.address) as share,
+        Share(lidar, "a/c", router=free_address()) as waiting,
+    ):
+        assert exit_code_in_a_child([lambda: anext(fleet)], refused=True) == REFUSED
+        assert exit_code_in_a_child([waiting.close, share.close, fleet.close], refused=False) == REFUSED
+        share.publish(await lidar.scan())
+        assert (await anext(fleet)).key == "a/b"
