@@ -58,7 +58,7 @@ class ReplayPort(FedPort):
         self._offset_deg = 0.0
         self._scans_before = self._in_vain = 0
         super().__init__(str(recording.path), recording.streams[0].began.baudrate)
-        self.files: tuple[Path, ...] = recording.paths
+        self.files: tuple[Path, ...] = tuple(recording.folder / each for each in recording.paths)
         self.length_s: float | None = recording.duration_ns * 1e-9 if recording.timed else None
 
     @property

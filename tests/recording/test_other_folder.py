@@ -39,15 +39,22 @@ def test_while_it_records_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize("name", ["run.mcap", "run-*.mcap", "run.bin"])
 def test_while_it_plays_or_decodes(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was said that a file does not exist: at the second turn of a loop, or with the second part."""
+    """It was said that a file does not exist: at the second turn of a loop, or with the second part.
+
+    And it could be replaced while it was read.
+    """
     if name == "run.bin":
         (tmp_path / name).write_bytes(load("ldrobot_ld19_13hz").raw)
     else:
         record(tmp_path / "run.mcap", "sim://rplidar-s2", 20, split_s=1.0 if "*" in name else None)
 
+    played = next(tmp_path.glob(name))
+
     async def program() -> None:
         async with lidario.open_lidar(f"{name}?loop=1&rate=0") as lidar, lidar.scans() as scans:
             monkeypatch.chdir("elsewhere")
+            with pytest.raises(lidario.CannotRecord, match="is read meanwhile"):
+                await lidar.record(played, overwrite=True).start()
             for _ in range(30):
                 await anext(scans)
 
