@@ -179,6 +179,13 @@ class PacedTurning(Turning):
             return 0.0
         return (arrivals[behind][1] - arrivals[read - 1][1]) / self._packet_ns
 
+    def _lacks_packets(self, arrivals: Sequence[Arrival]) -> bool:
+        """Whether time shows that packets are missing between the first read and the last."""
+        if not (self._packet_ns and self._time_passes and arrivals):
+            return False
+        (before, first_ns), (came, last_ns) = arrivals[0], arrivals[-1]
+        return (last_ns - first_ns) / self._packet_ns >= max(_FEWEST, SEVERAL * (came - before))
+
     def _note_close(self, packets: int) -> None:
         """Count packets that are reported to follow each other, while the rotor turned: else no speed tells it."""
         self._close = 0 if self._confirmed else self._close + packets

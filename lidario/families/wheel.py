@@ -102,7 +102,7 @@ class Wheel(PacedTurning):
         spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         known = spans if followed else spans[:-1]
         is_alike = self._certain and are_alike(self._arc, shortest, longest)
-        if is_alike or self._is_steady(known, longest):
+        if is_alike or (self._is_steady(known, longest) and not self._lacks_packets(arrivals)):
             if not followed:
                 spans[-1] = spans[-2]
                 total += int(spans[-1])

@@ -303,3 +303,23 @@ def test_a_node_that_is_lost_where_the_rotor_is_slow_is_missed_though_it_was_fas
     turn.follow(heads(*turning(*[100] * 140)))
     gone = missing(turn.follow(heads(*turning(*before, 2 * slow, *[slow] * 24))))
     assert gone == [0] * len(before) + [1] + [0] * 24
+
+
+def test_gaps_that_grow_evenly_are_not_a_rotor_that_speeds_up() -> None:
+    """Of two, three, four and five arcs, each longer than the one before by no more than a part of the longest."""
+    wheel = Wheel(TURN)
+    wheel.tell_time(PACKET_NS)
+    for turn in range(3):
+        came = [(5, (5 + 20 * turn) * PACKET_NS), (20, (20 + 20 * turn) * PACKET_NS)]
+        wheel.follow(heads(*turning(*[500] * 20)), came)
+    spans, begin = [1000, 1500, 2000, 2500], 61
+    reads = [(1, begin * PACKET_NS), (4, (begin + 2 + 3 + 4) * PACKET_NS)]
+    found = wheel.follow(heads(*turning(*spans)), reads)
+    assert found.arc == pytest.approx([500] * 4)
+    assert missing(found) == [1, 2, 3, 4]
+    # Those that came in a third of the time were all that there were.
+    faster = Wheel(TURN)
+    faster.tell_time(PACKET_NS)
+    faster.follow(heads(*turning(*[500] * 20)), [(5, 5 * PACKET_NS), (20, 20 * PACKET_NS)])
+    found = faster.follow(heads(*turning(*spans)), [(1, 21 * PACKET_NS), (4, 24 * PACKET_NS)])
+    assert found.arc == pytest.approx(spans)
