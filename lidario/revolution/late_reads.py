@@ -14,7 +14,7 @@ from typing import Final
 from lidario.families.base import Decoder, Samples
 from lidario.revolution.partial import part_of
 from lidario.revolution.together import joined
-from lidario.wire.blocks import packet_offsets
+from lidario.wire.blocks import some_blocks
 from lidario.wire.events import Packets
 from lidario.wire.formats import StreamFormat
 
@@ -35,6 +35,7 @@ def ends_within(
     decoder: Decoder,
     wire: StreamFormat,
     sample_ns: float,
+    little_ns: float,
 ) -> Ends:
     """When revolutions ended within reads that have gaps behind.
 
@@ -48,10 +49,9 @@ def ends_within(
         decoder: The decoder of the stream.
         wire: The format of the packets.
         sample_ns: Nanoseconds a sample; 0 if unknown, and then every packet has the time of its read.
+        little_ns: If what came with a read fills the time since the read before but for this, nothing is missing.
     """
-    found = dict[int, int]()
-    # All packets are decoded in their order: the rotor may have stopped meanwhile.
-    follower, runs = decoder.fork(), [*unseen]
+    found, follower, seen = dict[int, int](), None, begin
     for complete, at_ns in packets.arrivals:
         if complete <= begin:
             last_ns = at_ns
@@ -59,12 +59,21 @@ def ends_within(
         # An end right before `begin` counts if the packet before it came with the same read.
         before = begin - 1 if begin and packets.read_at(begin - 1) == at_ns else begin
         inside = ends[bisect_right(ends, before) : bisect_left(ends, complete)]
-        part = part_of(packets, begin, complete, offsets, wire, sample_ns)
-        if inside and not _is_whole(part, follower, wire, sample_ns):
+        lacking_ns = at_ns - last_ns - wire.samples_in(some_blocks(packets.blocks, begin, complete)) * sample_ns
+        if (
+            inside
+            and lacking_ns > little_ns
+            and not _is_whole(packets, max(inside[0] - 1, 0), complete, offsets, decoder, wire)
+        ):
+            # All packets are decoded in their order: the rotor may have stopped meanwhile.
+            runs = [*unseen] if follower is None else []
+            follower = follower or decoder.fork()
+            if begin > seen:
+                runs.append(part_of(packets, seen, begin, offsets, wire, sample_ns))
             if runs:
-                follower.decode(joined(runs), part.data[: part.blocks[0].size])
-            samples = follower.decode(part, None)
-            runs = []
+                follower.decode(joined(runs), packets.data[offsets[begin] : offsets[begin + 1]])
+            samples = follower.decode(part_of(packets, begin, complete, offsets, wire, sample_ns), None)
+            seen = complete
             measured = samples.ends[-1] + sum([skipped for _, skipped in samples.gaps])
             fits = measured * sample_ns <= _MORE_THAN_PASSED * (at_ns - last_ns)
             # If they only now show that arcs before were wrong, the revolution that ends was decoded with these.
@@ -75,19 +84,19 @@ def ends_within(
                     place: max(last_ns, at_ns - round(count * sample_ns))
                     for place, count in zip(inside, behind, strict=True)
                 }
-        else:
-            runs.append(part)
         begin, last_ns = complete, at_ns
     return found
 
 
-def _is_whole(packets: Packets, decoder: Decoder, wire: StreamFormat, sample_ns: float) -> bool:
-    """Whether nothing is missing among packets, which is the usual case."""
-    last, offsets = packets.count - 1, packet_offsets(packets.blocks)
-    if not last:
+def _is_whole(
+    packets: Packets, begin: int, end: int, offsets: Sequence[int], decoder: Decoder, wire: StreamFormat
+) -> bool:
+    """Whether nothing is missing from packet number `begin` to the one before `end`, which is the usual case."""
+    last = end - 1
+    if last == begin:
         return True
-    before = part_of(packets, 0, last, offsets, wire, sample_ns)
-    return decoder.is_whole(before, packets.data[offsets[last] :])
+    before = part_of(packets, begin, last, offsets, wire, 0.0)
+    return decoder.is_whole(before, packets.data[offsets[last] : offsets[end]])
 
 
 def _measured_behind(samples: Samples, places: Sequence[int]) -> list[int]:
