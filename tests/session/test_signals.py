@@ -301,8 +301,7 @@ def test_a_program_that_never_closes_stops_it_before_it_waits_for_a_process_that
     with served("rplidar-s2") as server, child(UNDISTURBED + BESIDE_A_PROCESS, server.path) as program:
         other = int(line_of(program.stdout))
         try:
-            until(lambda: is_still(server), lambda: requests(server)[-5:])
-            assert was_stopped(server)
+            until(lambda: was_stopped(server), lambda: requests(server)[-5:])
             assert program.poll() is None
         finally:
             os.kill(other, signal.SIGKILL)
