@@ -318,7 +318,7 @@ def _config(module: Any, router: str) -> "zenoh.Config":
         "scouting/multicast/enabled": False,
         # How soon it tries again when the router is gone: zenoh's own first wait is a second.
         "connect/retry": {"period_init_ms": 250, "period_max_ms": 4000, "period_increase_factor": 2},
-        # Who listens there and says nothing is waited for where nobody has closed the bus, when the program ends.
+        # If nobody has closed the bus, the program waits at its end for a router that accepts and says nothing.
         "transport/unicast/open_timeout": 5000,
         # It would put together messages of a gigabyte from their fragments.
         "transport/link/rx/max_message_size": 2 * MOST_MESSAGE_BYTES,

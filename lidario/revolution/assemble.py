@@ -90,14 +90,14 @@ class Assembler(SteadyAssembler):
         return iter(()) if taken is None else self._ends_in(*taken)
 
     def _ends_in(self, packets: Packets, headings: Headings) -> Iterator[list[Scan]]:
-        ended, count, kept = self.ended, packets.count, 0
+        ended, count, kept, done, alone = self.ended, packets.count, 0, 0, 1
         self._under_way = True
         try:
             splits = self._seam.splits(headings, self.incoming.passing)
             offsets = packet_offsets(packets.blocks) if splits else ()
+            # If each packet is a little ahead of the one before, gaps are looked for only if no block can be made.
             is_dated = self.incoming.passing is None
             late = self._times_of(splits, packets, kept, offsets) if splits and is_dated else {}
-            done, alone = 0, 1
             while done < len(splits):
                 # A revolution begun in pieces is ended in pieces, even if nobody reads sectors any more.
                 by_blocks = not self._parts and self.partial.divided is None

@@ -66,7 +66,8 @@ class Beginning:
     spanned_ns: float = 0.0
     came_ns: float = 0.0  # time of the samples that came, however far the rotor turned meanwhile; 0 if unknown
     read_ns: int = 0  # time from the read with its beginning to the read with its end; 0 if unknown
-    # How long nothing was measured before each of its reads, by what came with that read; empty if unknown.
+    # For each of its reads the time since the read before, less the time of the packets that it brought; empty if
+    # unknown.
     silences_ns: Sequence[float] = ()
 
     @property
@@ -158,7 +159,7 @@ class RevolutionClock:
         self.usual_ns = self._search.revolution_ns() or self.usual_ns
 
     def forget_speed(self) -> None:
-        """The speed was wrong: it was taken from gaps that are all alike."""
+        """Forget the speed: it was wrong, since it was taken from gaps that are all alike."""
         self.usual_ns, self.needs_speed, self._late_ns = 0.0, True, None
 
     def restart(self, seam: float | None = None) -> None:

@@ -120,7 +120,7 @@ class PartialRevolution:
         return self.ended_ns - self.begun_ns if self.begun_ns else 0
 
     def silences_ns(self, packets: Packets, packet_ns: float) -> Sequence[float]:
-        """How long nothing was measured before each of its reads, as in `Beginning.silences_ns`.
+        """For each of its reads how long nothing was measured before it, as in `Beginning.silences_ns`.
 
         Args:
             packets: Its packets.

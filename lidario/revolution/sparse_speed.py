@@ -40,7 +40,7 @@ _LONGEST_NS: Final = 20e9
 def dated_angles(wire: StreamFormat, packets: Packets) -> list[tuple[float, int]]:
     """Angles at which a few of these packets begin, in revolutions, each with the arrival of its read."""
     headings = wire.headings(packets)
-    # A computed time tells nothing: packets may be missing behind.
+    # A time that was computed and not measured tells nothing: packets may be missing behind it.
     reads = packets.arrivals[:-1] if packets.cut else packets.arrivals
     return [
         ((int(headings[count - 1]) & HEADING_MASK) / wire.full_turn, at_ns)

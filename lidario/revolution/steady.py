@@ -27,7 +27,7 @@ from lidario.revolution.stats import AssemblerStats
 from lidario.revolution.timing import byte_ns_at, earliest_ns
 from lidario.revolution.together import joined
 from lidario.scans.scan import Scan
-from lidario.wire.blocks import Block, packet_offsets, some_blocks
+from lidario.wire.blocks import packet_offsets, some_blocks
 from lidario.wire.events import Packets
 
 
@@ -126,13 +126,7 @@ class SteadyAssembler:
         unseen, begin = (self.partial.runs, kept) if self._decoded is None else ([], ends_at[0])
         sample_ns, wire = self.incoming.time.known_ns, self._stream.format
         last_ns = self.partial.last_ns
-        # Where no angle tells at a glance that nothing is missing (`FalsePackets`), to look each time would take a
-        # third of the decoding.
-        half_ns = wire.samples_in((Block(wire.ordinary, 1),)) * sample_ns / 2
-        little_ns = -math.inf if wire.samples > 1 else half_ns
-        return ends_within(
-            packets, begin, offsets, ends_at, unseen, last_ns, self._decoder, wire, sample_ns, little_ns
-        )
+        return ends_within(packets, begin, offsets, ends_at, unseen, last_ns, self._decoder, wire, sample_ns)
 
     def _may_be_steady(self, splits: Sequence[Split], first: int) -> bool:
         """Whether enough is known of the revolution in the making and the one before, and all seams are alike."""

@@ -31,7 +31,7 @@ def test_the_ends_of_revolutions_have_the_times_at_which_they_were_measured(lost
     decoder.decode(arrived(packed(before), A_TURN, 0), packed([0]))
     packets = arrived(packed(numbers), len(numbers), 10**9)
     ends = [sum(number < turn * A_TURN for number in numbers) for turn in (1, 2, 3)]
-    found = ends_within(packets, 0, packet_offsets(packets.blocks), ends, [], 0, decoder, wire, SAMPLE_NS, 0.0)
+    found = ends_within(packets, 0, packet_offsets(packets.blocks), ends, [], 0, decoder, wire, SAMPLE_NS)
     # Nothing is missing behind: the packets that came tell it.
     if max(lost) < ends[0]:
         ends = []
