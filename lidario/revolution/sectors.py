@@ -1,13 +1,12 @@
 """Sectors: parts of the revolution in the making, handed out as soon as the rotor has passed the end of each.
 
-`SectorAssembler` is an `Assembler` that decodes the revolution piece by piece. Each time the headings pass the end
-of a sector, the packets up to there are decoded, by a decoder that goes on where the revolution before ended. If a
+`SectorAssembler` is an `Assembler` that decodes the revolution in the making whenever the headings pass the end of
+a sector: all its packets up to there, by a copy of the decoder. What was not handed out before is the sector. If a
 packet lies across the end, its samples are divided as at the seam: by where the rotor stood. A packet that can only
 be decoded together with the one behind it waits for that one.
 
-When the revolution has ended, its scan is made of the same pieces, so that sectors and scan hold the same samples.
-The whole revolution is judged and counted. If nothing was missing, it is the sum of its pieces. Otherwise all its
-packets are decoded once more, by a decoder in the state at its beginning.
+When the revolution has ended, it is decoded, judged and counted as if nobody read sectors. If packets are missing
+in it, the last ones may show that a gap was larger or smaller: its scan keeps the angles that its sectors had.
 
 The number of a revolution is known only at its end, when time shows how many revolutions passed unseen before it. A
 sector needs the number earlier. So it is found in the same way from what is known when the first sector is
@@ -21,23 +20,18 @@ from lidario.families.base import Samples
 from lidario.revolution.assemble import Assembler
 from lidario.revolution.build import turned_by
 from lidario.revolution.clock import NOISE, Beginning
-from lidario.revolution.divided import (
-    RETREAT_PART,
-    ROUNDING,
-    DividedRevolution,
-    OpenSector,
-    is_doubted,
-    join_pieces,
-)
+from lidario.revolution.divided import RETREAT_PART, ROUNDING, DividedRevolution, OpenSector, is_doubted
 from lidario.revolution.ended import EndedRevolution, share_before
 from lidario.revolution.late_reads import Ends
-from lidario.revolution.partial import PartialRevolution
+from lidario.revolution.partial import PartialRevolution, part_of
 from lidario.revolution.seam import Split
 from lidario.revolution.timing import earliest_ns
+from lidario.revolution.together import joined
 from lidario.scans.measured import made_of
 from lidario.scans.samples import read_only
 from lidario.scans.scan import Scan
 from lidario.scans.sector import Sector
+from lidario.wire.blocks import packet_offsets
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Packets
 from lidario.wire.formats import BEGINS, HEADING_MASK, Headings
@@ -97,67 +91,85 @@ class SectorAssembler(Assembler):
             if not self._parts or (here := self._begin(int(headings[0]))) is None:
                 return
             self.partial.divided = self._latest = here
-        known_ns = self.incoming.time.known_ns
-        here.sample_ns = here.by_speed_ns or known_ns
-        full_turn = here.wire.full_turn
+        here.sample_ns = here.by_speed_ns or self.incoming.time.known_ns
+        full_turn, before = here.wire.full_turn, here.packets
         # A heading that trembles back over the seam seems to be almost a revolution ahead.
         most = full_turn - full_turn // RETREAT_PART
-        for number, angle in enumerate(here.come(packets, headings)):
+        for number, angle in enumerate(here.come(packets, headings), before):
             if 0 < angle - here.passed <= most:
                 here.passed = angle
                 if angle >= here.ends[here.at][0]:
-                    here.decode_until(number, known_ns)
-                    here.sample_ns = here.by_speed_ns or known_ns
+                    samples = self._decode_until(here, number, angle)
                     while angle >= here.ends[here.at][0]:
-                        self._hand_out(here)
-            here.waiting_at = angle
+                        self._hand_out(here, samples)
+            here.latest = angle
 
     def _begin(self, first: int) -> DividedRevolution | None:
         """Begin to divide a revolution at the heading of its first packet; None if it cannot be divided."""
         partial, wire, before = self.partial, self._stream.format, self._latest
         # If angles are not certain (`carried_packets`), samples that were carried over may still be dropped.
         sure = partial.whole and not partial.moved and not partial.carried_packets and len(partial.runs) == 1
-        sample_ns = (before.by_speed_ns if before else 0.0) or self.incoming.time.known_ns
+        by_speed_ns = before.by_speed_ns if before else 0.0
+        sample_ns = by_speed_ns or self.incoming.time.known_ns
         if not sure or partial.seam is None or not sample_ns:
             return None
-        began = first & HEADING_MASK if first & BEGINS else partial.seam
-        offset_deg, usual_ns = self._stream.zero_offset_deg, self._clock.usual_ns
-        here = DividedRevolution(
-            partial, began, wire, self._parts, self._decoder.fork(), usual_ns, offset_deg, self._doubted
+        return DividedRevolution(
+            partial,
+            first & HEADING_MASK if first & BEGINS else partial.seam,
+            wire,
+            self._parts,
+            usual_ns=self._clock.usual_ns,
+            offset_deg=self._stream.zero_offset_deg,
+            sample_ns=sample_ns,
+            by_speed_ns=by_speed_ns,
+            doubted=self._doubted,
+            usual_samples=before.usual_samples if before else 0.0,
         )
-        if before is not None:
-            here.usual_samples, here.by_speed_ns = before.usual_samples, before.by_speed_ns
-        if here.samples:
-            here.first_ns = partial.carried_ns - (here.samples - 1) * sample_ns
-            # The packet that crossed the seam ends where the first one begins, unless packets are missing between.
-            here.last_arc = ((first & HEADING_MASK) - began) % wire.full_turn
-            if here.gap and here.usual_samples:
-                here.last_arc = here.samples * wire.full_turn / here.usual_samples
-            if here.last_arc > wire.full_turn - wire.full_turn // RETREAT_PART:
-                here.last_arc = 0.0
-        return here
+
+    def _decode_until(self, here: DividedRevolution, number: int, at: int) -> Samples | None:
+        """Decode the packets of the revolution before packet `number`, which begins `at` behind the seam.
+
+        Returns:
+            The samples; None if there are no packets before.
+        """
+        if not number:
+            here.begin_with(at)
+            return None
+        partial, wire = self.partial, here.wire
+        run = joined(partial.runs)
+        partial.runs = [run]
+        offsets = packet_offsets(run.blocks)
+        packets = part_of(run, 0, number, offsets, wire, self.incoming.time.known_ns)
+        room = 0 if partial.carried is None else len(partial.carried)
+        samples = self._decoder.fork().decode(packets, run.data[offsets[number] : offsets[number + 1]], room)
+        here.take(packets, samples, room, at)
+        return samples
 
     # ------------------------------------------------------------------------------------------------ sectors
 
-    def _hand_out(self, here: DividedRevolution) -> None:
-        """The rotor has passed an end of sectors: publish those that have samples and certain angles."""
-        sample_ns, mode = here.sample_ns, self._stream.mode
-        for count in here.pass_end():
+    def _hand_out(self, here: DividedRevolution, samples: Samples | None) -> None:
+        """The rotor has passed an end of sectors: publish those that have samples and certain angles.
+
+        Args:
+            here: The revolution.
+            samples: Its packets so far, decoded; None if there are none.
+        """
+        (end, parts), decoded, sample_ns = here.ends[here.at], here.decoded, here.sample_ns
+        here.give(end)
+        for count in parts:
             done = here.open[count]
-            pieces = here.pieces[done.first :]
-            if not pieces or not here.certain:
+            if decoded is None or done.begin == here.given or not here.certain:
                 # This sector is left out, as the next index shows. The next one counts the packets missing here.
                 done.index += 1
                 continue
-            arrays = pieces[0] if len(pieces) == 1 else join_pieces(pieces)
+            arrays = decoded.arrays.part(done.begin, here.given)
             # When the first sample of the revolution was measured, by the packets so far.
             packet_bytes = here.partial.size / here.packets
             start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)
             if here.seq is None:
-                here.seq = self._number(here, start_ns)
-            lost = max(0, here.lost - done.lost)
+                here.seq = self._number(here, samples, start_ns)
             stamp_ns, gaps = here.placed(done, start_ns)
-            duration_ns = round((len(arrays.angle) + sum([skipped for _, skipped in gaps])) * sample_ns)
+            duration_ns = round((len(arrays) + sum([skipped for _, skipped in gaps])) * sample_ns)
             sector = made_of(
                 Sector,
                 device_angles=read_only(turned_by(arrays.angle, here.offset_deg)),
@@ -172,21 +184,20 @@ class SectorAssembler(Assembler):
                 index=done.index,
                 degrees=360.0 / count,
                 dropped_before=0,
-                lost_packets=lost,
-                mode=mode.name,
-                max_range=mode.max_distance,
+                lost_packets=max(0, here.lost - done.lost),
+                mode=self._stream.mode.name,
+                max_range=self._stream.mode.max_distance,
                 field_of_view=here.wire.field_deg,
                 _gaps=gaps,
             )
-            here.open[count] = OpenSector(done.index + 1, here.given, here.lost, len(here.pieces), sector)
+            here.open[count] = OpenSector(done.index + 1, here.given, here.lost, sector)
             self._publish_sector(count, sector)
 
-    def _number(self, here: DividedRevolution, start_ns: int) -> int:
+    def _number(self, here: DividedRevolution, samples: Samples | None, start_ns: int) -> int:
         """The number of the revolution; counts the revolutions that passed unseen before it."""
         stats, partial = self.stats, here.partial
         stats.resume(start_ns)
-        if self._clock.last is not None and here.decoded:
-            samples = here.decoded[0]
+        if self._clock.last is not None and samples is not None:
             over = share_before(here.wire, partial, samples)
             # 0 where angles are not certain: no step is known then.
             turn_ns = samples.last.samples * here.sample_ns
@@ -222,7 +233,7 @@ class SectorAssembler(Assembler):
             self._doubted = False
             if here is not None:
                 here.seq, self._told_seq = made[0].seq, None
-                self._finish_all(here, made[0])
+                self._finish(here, made[0])
         return made
 
     def _end(self, split: Split, following: bytes) -> Scan | None:
@@ -230,14 +241,14 @@ class SectorAssembler(Assembler):
         self._doubted = False
         scan = super()._end(split, following)
         self._told_seq, self._told_unseen = None, 0
-        if here is not None and here.is_finished and not (split.broken or split.moved):
+        if here is not None and not (split.broken or split.moved):
             if here.seq is None and scan is not None:
                 here.seq = scan.seq
             elif here.seq is None and self.stats.broken_scans > broken:
                 # A broken revolution has used up a number.
                 here.seq = self.stats.scans + self.stats.missed_scans - 1
             if here.seq is not None:
-                self._finish_all(here, scan)
+                self._finish(here, scan)
         return scan
 
     def _scan(self, ended: EndedRevolution) -> Scan | None:
@@ -250,26 +261,16 @@ class SectorAssembler(Assembler):
     def _decode(
         self, ended: PartialRevolution, packets: Packets, split: Split, following: bytes, room: int
     ) -> Samples:
-        here = ended.divided
+        samples, here = super()._decode(ended, packets, split, following, room), ended.divided
         if here is not None:
-            seam = None if split.marked or split.broken else split.seam
-            here.finish(following, seam, broken=split.broken)
             self._told_seq, self._told_unseen = here.seq, here.unseen
-            if not split.broken and (whole := here.whole()) is not None:
-                self._decoder = here.decoder
-                return whole
-        found = super()._decode(ended, packets, split, following, room)
-        if here is not None and here.certain:
-            arrays = here.all_samples()
-            found.revolutions = [found.last._replace(before_seam=here.before_seam)]
-            found.angle_deg, found.distance_mm, found.intensity = arrays.angle, arrays.distance, arrays.intensity
-        return found
+            here.end(packets, samples, room, following)
+        return samples
 
-    def _finish_all(self, here: DividedRevolution, scan: Scan | None) -> None:
+    def _finish(self, here: DividedRevolution, scan: Scan | None) -> None:
         """The revolution has ended: hand out its last sectors. The last one counts all lost packets found late."""
-        here.leave_rest()
-        if scan is not None:
-            here.lost_behind = scan.lost_packets - here.lost
-        here.sample_ns = here.by_speed_ns or self.incoming.time.known_ns
+        decoded = here.decoded
+        if decoded is not None and scan is not None:
+            decoded.lost_behind = scan.lost_packets - decoded.lost
         while here.at < len(here.ends):
-            self._hand_out(here)
+            self._hand_out(here, None)
