@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from lidario.conformance import RULES, rule_named
+from lidario.conformance import RULES, Rule, rule_named
 from lidario.testing import SimulatedLidar
-from lidario.testing.conformance import Runner
+from lidario.testing.conformance import opened
 from tests.support.inner import ASYNCIO_INI, STRICT_INI, run_pytest
 
 SUITE = ("--pyargs", "lidario.testing.conformance")
@@ -35,26 +35,25 @@ def test_what_is_no_device_says_so(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def wrong() -> Iterator[tuple[SimulatedLidar, Runner]]:
+def wrong() -> Iterator[tuple[SimulatedLidar, Callable[[Rule], None]]]:
     """A device that tells twice the time of a sample."""
     lidar = SimulatedLidar("rplidar-wrong-us")
-    runner = Runner(lidar)
-    yield lidar, runner
-    runner.close()
+    with opened(lidar) as check:
+        yield lidar, check
     assert lidar.is_still
     lidar.close()
 
 
 @pytest.mark.long
-def test_a_rule_that_is_not_held_is_told_in_words(wrong: tuple[SimulatedLidar, Runner]) -> None:
-    lidar, runner = wrong
+def test_a_rule_that_is_not_held_is_told_in_words(wrong: tuple[SimulatedLidar, Callable[[Rule], None]]) -> None:
+    lidar, check = wrong
     with pytest.raises(pytest.fail.Exception) as failed:
-        runner.check(rule_named("sample-time"))
+        check(rule_named("sample-time"))
     lines = str(failed.value).splitlines()
     assert lines[0] == "A sample takes the time that the device tells."
     assert "told 62.50 us, measured 31." in lines[1]
     assert lines[2].startswith("known from: manual, ")
     assert lidar.is_still
-    runner.check(rule_named("turns-clockwise"))
+    check(rule_named("turns-clockwise"))
     with pytest.raises(pytest.skip.Exception, match="power-down protection"):
-        runner.check(rule_named("protection-stops"))
+        check(rule_named("protection-stops"))
