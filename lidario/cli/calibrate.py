@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    Cloud = NDArray[np.float32]
+
 LEAST_SHARE: Final = 0.5  # of two lidars on one robot, each sees at least half of what the other sees
 RIVAL: Final = 0.85
 """Where another direction explains nearly as many points, the room looks alike from several sides; where a place
@@ -50,12 +52,7 @@ FARTHEST_RESIDUAL_M: Final = 0.05
 @click.option("--dry-run", is_flag=True, help="Write nothing into the settings.")
 @config_option
 def calibrate(
-    first: str,
-    second: str,
-    count: int,
-    guess: lidario.Mount | None,
-    picture: str | None,
-    dry_run: bool,
+    first: str, second: str, count: int, guess: lidario.Mount | None, picture: str | None, dry_run: bool
 ) -> None:
     """Find how two lidars are mounted to each other.
 
@@ -114,18 +111,13 @@ async def _scans(
         return [(lidar.info, await scans_of(lidar, count)) for lidar in (one, two)]
 
 
-def _cloud(scans: list[lidario.Scan], mount: lidario.Mount | None = None) -> NDArray[np.float32]:
+def _cloud(scans: list[lidario.Scan], mount: lidario.Mount | None = None) -> Cloud:
     import numpy as np
 
     return np.concatenate([np.zeros((0, 2), np.float32), *(scan.points(mount).xy for scan in scans)])
 
 
-def _doubt(
-    fixed: NDArray[np.float32],
-    moving: NDArray[np.float32],
-    guess: lidario.Mount | None,
-    found: lidario.Registration,
-) -> str:
+def _doubt(fixed: Cloud, moving: Cloud, guess: lidario.Mount | None, found: lidario.Registration) -> str:
     """Why the result is not to be trusted; empty where it is."""
     # Seen from below, left is right: then a wrong place may be found that explains many points.
     upside_down = lidario.register(fixed, moving * (1.0, -1.0), guess=guess)

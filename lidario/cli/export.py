@@ -7,7 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -137,15 +137,13 @@ def _raised_signals() -> Iterator[None]:
         signal.signal(number, signal.SIG_DFL)
         raise Stopped(number)
 
-    # One that is ignored, as under nohup, stays so.
-    taken = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
-    for number in taken:
-        signal.signal(number, stop)
-    try:
+    with ExitStack() as given_back:
+        for number in _ENDING:
+            # One that is ignored, as under nohup, stays so.
+            if signal.getsignal(number) is signal.SIG_DFL:
+                given_back.callback(signal.signal, number, signal.SIG_DFL)
+                signal.signal(number, stop)
         yield
-    finally:
-        for number in taken:
-            signal.signal(number, signal.SIG_DFL)
 
 
 def begun(pool: Executor, works: Iterable[Callable[[], T]]) -> list[Future[T]]:

@@ -11,7 +11,7 @@ import logging
 import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from typing import Any, TypeVar
 
 import lidario
@@ -44,7 +44,7 @@ def run(work: Callable[[], Coroutine[Any, Any, T]], doing: str | Callable[[], st
     hurry(False)
     with nullcontext() if doing is None else progress(doing):
         try:
-            with _told_beside():
+            with closing(Worker("lidario: messages")) as worker, messages_by(worker.put):
                 return lidario.run(work())
         except KeyboardInterrupt:
             hurry(True)
@@ -88,14 +88,3 @@ def log_told() -> Iterator[None]:
         yield
     finally:
         root.removeHandler(handler)
-
-
-@contextmanager
-def _told_beside() -> Iterator[None]:
-    """Have a thread write messages in the block."""
-    worker = Worker("lidario: messages")
-    try:
-        with messages_by(worker.put):
-            yield
-    finally:
-        worker.close()

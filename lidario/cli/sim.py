@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -26,8 +26,6 @@ from lidario.cli.streams import emit, message
 if TYPE_CHECKING:
     from lidario.sim.faults import Faults
     from lidario.sim.serve import PtyServer, TcpServer, UdpServer
-
-    _Server = TypeVar("_Server", TcpServer, UdpServer)
 
 POLL_S = 0.1
 pty_option: Final = click.option("--pty", is_flag=True, help="On a pseudo-terminal: the default on Linux.")
@@ -116,13 +114,11 @@ def server_of(
     faults: Faults | None = None,
 ) -> PtyServer | TcpServer | UdpServer:
     """Serve a device in the way that was asked for, else in the usual one."""
-    from lidario.sim.serve import PtyServer, TcpServer, UdpServer, usual_way
+    from lidario.sim.serve import PtyServer, usual_way
 
     said = "udp" if udp is not None else "tcp" if tcp is not None else "pty" if pty else usual_way(device)
-    if said == "udp":
-        return _listening(UdpServer, "udp", udp or ":0", device, faults)
-    if said == "tcp":
-        return _listening(TcpServer, "tcp", tcp or ":0", device, faults)
+    if said != "pty":
+        return _listening(said, udp or tcp or ":0", device, faults)
     try:
         return PtyServer(device, faults=faults)
     except OSError as error:
@@ -132,9 +128,11 @@ def server_of(
 
 
 def _listening(
-    make: type[_Server], kind: str, address: str, device: lidario.SimulatedDevice, faults: Faults | None
-) -> _Server:
+    kind: str, address: str, device: lidario.SimulatedDevice, faults: Faults | None
+) -> TcpServer | UdpServer:
     """Listen on the loopback interface, unless the address names another."""
+    from lidario.sim.serve import TcpServer, UdpServer
+
     host, _, port = address.rpartition(":")
     # An IPv6 address stands in brackets, as in a source.
     host = host.removeprefix("[").removesuffix("]")
@@ -146,7 +144,7 @@ def _listening(
     if not is_right:
         raise click.BadParameter(f"{address!r} is not [HOST]:PORT, such as :2000", param_hint=f"--{kind}")
     try:
-        return make(device, host or "127.0.0.1", int(port), faults=faults)
+        return (UdpServer if kind == "udp" else TcpServer)(device, host or "127.0.0.1", int(port), faults=faults)
     except OSError as error:
         raise cannot_listen(address, error, f"--{kind} :0") from error
 

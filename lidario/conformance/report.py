@@ -236,10 +236,7 @@ def report_of(about: About, texts: dict[str, str]) -> Report:
         about,
         dict(list(facts.items())[:MOST_FACTS]),
         _modes_of(texts.get("modes", "")),
-        _with_the_rest(
-            (each for each in tried if each is not None),
-            map(_short, filter(None, names)),
-        ),
+        _with_the_rest((each for each in tried if each is not None), map(_short, filter(None, names))),
     )
 
 

@@ -108,13 +108,7 @@ class LiveServer:
     """
 
     def __init__(
-        self,
-        feeds: Sequence[Feed],
-        *,
-        host: str,
-        port: int,
-        token: str = "",
-        config: str | None = None,
+        self, feeds: Sequence[Feed], *, host: str, port: int, token: str = "", config: str | None = None
     ) -> None:
         self.url: str = ""  # the address to open, with the token where one is needed
         self.sent: int = 0  # scans sent, over all viewers
@@ -126,8 +120,8 @@ class LiveServer:
         self._door = Door()
         self._packed: dict[int, tuple[Scan, bytes | None]] = {}
         self._told: set[str] = set()
-        self._server: Server | None = None
-        self._ticking: asyncio.Task[None] | None = None
+        self._server: Server
+        self._ticking: asyncio.Task[None]
         self._page = _page()
 
     @property
@@ -138,7 +132,6 @@ class LiveServer:
     @property
     def port(self) -> int:
         """The port it listens at."""
-        assert self._server is not None
         return int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def __aenter__(self) -> Self:
@@ -166,8 +159,6 @@ class LiveServer:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        assert self._server is not None
-        assert self._ticking is not None
         self._ticking.cancel()
         self._server.close()
         # Browsers open connections in advance, and say nothing on them: closing would wait for their request.
