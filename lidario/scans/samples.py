@@ -7,7 +7,7 @@ import math
 from typing import Final, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from lidario.basics.arguments import finite, number, shown
 from lidario.errors import InvalidValue
@@ -90,33 +90,3 @@ def nearest_to(angles: FloatArray, angle: float, within: float) -> int | None:
 def in_single(metres: float) -> float:
     """The same figure where single precision holds it, which ranges and messages have; beyond that, infinity."""
     return math.copysign(math.inf, metres) if abs(metres) > _BEYOND_M else metres
-
-
-def mask_of(
-    angles: FloatArray,
-    ranges: FloatArray,
-    mask: ArrayLike | None,
-    between: tuple[float, float] | None,
-    range_min: float | None,
-    range_max: float | None,
-) -> NDArray[np.bool_]:
-    """For which samples everything that is given holds; see `lidario.Scan.select`."""
-    keep = np.ones(len(angles), np.bool_)
-    if mask is not None:
-        try:
-            given = np.asarray(mask)
-        except ValueError:
-            raise InvalidValue(f"the mask is an array of bool, not {shown(mask)}") from None
-        if given.dtype != np.bool_ or given.shape != keep.shape:
-            raise InvalidValue(
-                f"the mask must be bool, one value a sample, shape ({len(angles)},), not {given.dtype} of shape "
-                f"{given.shape}"
-            )
-        keep &= given
-    if between is not None:
-        keep &= is_between(angles, between)
-    if range_min is not None:
-        keep &= ranges >= in_single(number(range_min, "range_min"))
-    if range_max is not None:
-        keep &= ranges <= in_single(number(range_max, "range_max"))
-    return keep

@@ -14,15 +14,16 @@ from typing import Any, Final, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidario.basics.arguments import finite, nanoseconds
+from lidario.basics.arguments import finite, nanoseconds, number, shown
 from lidario.basics.words import counted
+from lidario.errors import InvalidValue
 from lidario.scans.beams import BeamOptions, BeamOrder, NoReturn, Preset, resample
 from lidario.scans.laserscan import LaserScan
 from lidario.scans.measured import MeasuredSamples, Return
 from lidario.scans.plain import plain_of
 from lidario.scans.points import Motion, Mount, Points, place
 from lidario.scans.rotor import Rotor, rotor_of
-from lidario.scans.samples import mask_of, nearest_to, read_only
+from lidario.scans.samples import in_single, is_between, nearest_to, read_only
 
 _PLAIN: Final = (
     "seq", "stamp_ns", "wall_stamp_ns", "time_increment_ns", "duration_ns", "rpm", "reported_rpm", "mode",
@@ -134,7 +135,24 @@ class Scan(MeasuredSamples):
             InvalidValue: The mask is not bool or not of shape (n,), `between` is not two finite angles, or a limit
                 is no number.
         """
-        keep = mask_of(self.angles, self.ranges, mask, between, range_min, range_max)
+        keep = np.ones(len(self), np.bool_)
+        if mask is not None:
+            try:
+                given = np.asarray(mask)
+            except ValueError:
+                raise InvalidValue(f"the mask is an array of bool, not {shown(mask)}") from None
+            if given.dtype != np.bool_ or given.shape != keep.shape:
+                raise InvalidValue(
+                    f"the mask must be bool, one value a sample, shape ({len(self)},), not {given.dtype} of shape "
+                    f"{given.shape}"
+                )
+            keep &= given
+        if between is not None:
+            keep &= is_between(self.angles, between)
+        if range_min is not None:
+            keep &= self.ranges >= in_single(number(range_min, "range_min"))
+        if range_max is not None:
+            keep &= self.ranges <= in_single(number(range_max, "range_max"))
         if self._measured is not None:
             order = np.argsort(self._measured.angles, kind="stable")
             measured = np.zeros_like(keep)
