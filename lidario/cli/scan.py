@@ -15,6 +15,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import click
 
@@ -85,16 +86,7 @@ class _Reading:
 @click.option("--keep-spinning", is_flag=True, help="Leave the motor on; only the measuring stops.")
 @reconnect_option
 @guard_option
-def scan(
-    source: str,
-    count: int,
-    mode: str | int | None,
-    as_json: bool,
-    as_csv: bool,
-    keep_spinning: bool,
-    reconnect: bool,
-    guard: bool,
-) -> None:
+def scan(source: str, count: int, mode: str | int | None, as_json: bool, as_csv: bool, **of_opening: Any) -> None:
     """Read scans and print them.
 
     Angles are radians counter-clockwise from forward, ranges metres; null (JSON) or an empty field (CSV) where
@@ -114,12 +106,9 @@ def scan(
     failure: Exception | None = None
 
     async def work() -> None:
-        opening = lidario.open_lidar(
-            source, keep_spinning=keep_spinning, reconnect=reconnect, guard=guard, config=config
-        )
         with ExitStack() as waiting:
             waiting.enter_context(progress(f"waiting for {source if source != 'auto' else 'the first scan'} …"))
-            async with opening as lidar:
+            async with lidario.open_lidar(source, config=config, **of_opening) as lidar:
                 await reading.read(lidar, mode, count, waiting.close)
 
     try:

@@ -12,7 +12,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from statistics import fmean, pstdev
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -126,17 +126,12 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
     return ExitCode.OK if measured.stamps else ExitCode.NO_DATA
 
 
-async def measure(
-    source: str,
-    seconds: float,
-    mode: str | int | None,
-    into: Measured,
-    *,
-    guard: bool = False,
-    config: lidario.Config | None = None,
-) -> None:
-    """Read scans for so long; what was read until then is in `into` also when it is cancelled."""
-    async with lidario.open_lidar(source, guard=guard, config=config) as lidar, lidar.scans(mode) as scans:
+async def measure(source: str, seconds: float, mode: str | int | None, into: Measured, **options: Any) -> None:
+    """Read scans for so long; what was read until then is in `into` also when it is cancelled.
+
+    The further arguments are those of `lidario.open_lidar`.
+    """
+    async with lidario.open_lidar(source, **options) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
         into.simulated = lidar.source.startswith("sim:")
         if await anext(scans, None) is None:
@@ -206,38 +201,28 @@ def _table(measured: Measured) -> Table:
     line = measured.line
     word, reason = verdict(measured)
     load = f", {percent(line.load)} of the line" if line.load is not None else ""
-    trouble = [("driver", f"counted {line.line_trouble}")] if line.line_trouble else []
-    return facts(
-        [
-            ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
-            ("measured", f"{counted(len(measured.samples), 'scan')} in {measured.seconds:.1f} s"),
-            ("rate", in_both_units(measured.hertz) if measured.periods else "not known"),
-            ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
-            ("samples", f"{fmean(measured.samples):.0f} a scan, {percent(measured.no_return)} without a return"),
-            (
-                "damage",
-                f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})",
-            ),
-            (
-                "lost",
-                f"{counted(line.missed_scans, 'revolution')} on the line, "
-                f"{counted(line.dropped_scans, 'scan')} in this program",
-            ),
-            *trouble,
-            ("link", f"{line.bytes_a_second / 1000:.1f} kB/s{load}"),
-            ("CPU", f"{percent(measured.cpu)} of a core"),
-            ("verdict", f"{word}: {reason}"),
-        ]
-    )
+    lost = f"{counted(line.missed_scans, 'revolution')} on the line"
+    rows = [
+        ("lidar", f"{introduced(measured.model, measured.serial)}, mode {measured.mode}"),
+        ("measured", f"{counted(len(measured.samples), 'scan')} in {measured.seconds:.1f} s"),
+        ("rate", in_both_units(measured.hertz) if measured.periods else "not known"),
+        ("jitter", f"{1000 * measured.jitter:.2f} ms a revolution" if measured.periods else "not known"),
+        ("samples", f"{fmean(measured.samples):.0f} a scan, {percent(measured.no_return)} without a return"),
+        ("damage", f"{line.lost_packets} of {line.packets + line.lost_packets} packets ({percent(line.damaged)})"),
+        ("lost", f"{lost}, {counted(line.dropped_scans, 'scan')} in this program"),
+        ("driver", line.line_trouble and f"counted {line.line_trouble}"),
+        ("link", f"{line.bytes_a_second / 1000:.1f} kB/s{load}"),
+        ("CPU", f"{percent(measured.cpu)} of a core"),
+        ("verdict", f"{word}: {reason}"),
+    ]
+    return facts((name, value) for name, value in rows if value)
 
 
 def _record(measured: Measured) -> dict[str, object]:
     line = measured.line
     word, reason = verdict(measured)
     return {
-        "model": measured.model,
-        "serial": measured.serial,
-        "mode": measured.mode,
+        **{name: getattr(measured, name) for name in ("model", "serial", "mode")},
         "seconds": round(measured.seconds, 3),
         "scans": len(measured.samples),
         "hertz": _finite(measured.hertz, 4),

@@ -26,7 +26,7 @@ from lidario.wire.stats import LinkStats
 
 _log = logging.getLogger("lidario")
 
-_BLOCK = 64 * 1024  # bytes that are decoded together, as in `lidario.recording.offline`
+_BLOCK = 64 * 1024  # bytes that are decoded together
 BLOCK_NS = 4_000_000_000  # time of a block at most: of slow lidars, so many bytes are a minute
 
 

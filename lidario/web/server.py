@@ -235,8 +235,8 @@ class LiveServer:
                 await viewer.wake.wait()
                 viewer.wake.clear()
                 if viewer.states:
-                    viewer.states = False
-                    states = self._made("state", partial(self._states_for, viewer))
+                    viewer.states, echo, viewer.echo = False, viewer.echo, None
+                    states = self._made("state", partial(pack_state, self._feeds, echo, self._masks.state()))
                     if states is not None:
                         await viewer.connection.send(states)
                 while viewer.waiting and viewer.unconfirmed < AHEAD:
@@ -248,10 +248,6 @@ class LiveServer:
                         viewer.unconfirmed += 1
                         self.sent += 1
                         await viewer.connection.send(packed)
-
-    def _states_for(self, viewer: _Viewer) -> str:
-        echo, viewer.echo = viewer.echo, None
-        return pack_state(self._feeds, echo, self._masks.state())
 
     def _bytes_of(self, number: int, scan: Scan) -> bytes | None:
         packed = self._packed.get(number)
