@@ -166,9 +166,8 @@ def _of_latency(before: int | None, during: int | None, source: str) -> Iterator
         return
     text = f"the adapter gathers bytes for {during} ms"
     if during > SLOW_LATENCY_MS:
-        yield Finding(
-            "latency", "hint", f"{text}, so that scans come late by as much", f"{_RULES}   makes it 1 ms", source
-        )
+        cure = f"{_RULES}   makes it 1 ms"
+        yield Finding("latency", "hint", f"{text}, so that scans come late by as much", cure, source)
     else:
         text += f" while lidario has it open, else for {before} ms" if before > during else ""
         yield Finding("latency", "ok", text, port=source)

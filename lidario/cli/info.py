@@ -166,8 +166,5 @@ def _facts_of_file(summary: lidario.RecordingSummary) -> Table:
         ("noise", f"{counted(summary.skipped_bytes, 'byte')} of no packet"),
         ("gaps", f"{counted(summary.missed_scans, 'revolution')} missing, {interruptions}"),
     ]
-    if summary.losses:
-        rows.append(
-            ("away", f"{counted(summary.losses, 'time')}, {summary.away_s:.1f} s: the line to the lidar was lost")
-        )
-    return facts(rows)
+    away = f"{counted(summary.losses, 'time')}, {summary.away_s:.1f} s: the line to the lidar was lost"
+    return facts([*rows, ("away", away)] if summary.losses else rows)

@@ -75,10 +75,7 @@ class Machine:
 
     def usb(self, port: str) -> Usb | None:
         """The adapter behind a port such as ``/dev/ttyUSB0``; None where there is none."""
-        begin = self._tty(port) / "device"
-        if not begin.exists():
-            return None
-        place = begin.resolve()
+        place = (self._tty(port) / "device").resolve()
         for folder in (place, *place.parents):
             if (folder / "idVendor").is_file():
                 return Usb(

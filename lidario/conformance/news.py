@@ -64,9 +64,8 @@ def news_of(report: Report, known: Iterable[Seen]) -> list[str]:
         known_ones = ", ".join(sorted({each.firmware or "none told" for each in alike}))
         lines.append(f"firmware {info.firmware or 'none told'}: known of this model are {known_ones}")
     for mode in report.modes:
-        lines += _news_of_mode(
-            report, mode, [each for one in alike for each in one.modes if each.name == mode.name]
-        )
+        same = [each for one in alike for each in one.modes if each.name == mode.name]
+        lines += _news_of_mode(report, mode, same)
     lines += [f"not held: {each.rule}: {each.text}" for each in report.with_outcome(Outcome.BROKEN)]
     return lines
 

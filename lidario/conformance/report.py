@@ -139,12 +139,8 @@ class Reporter(Entered):
         """
         self._rules = tuple(rules)
         self._modes = tuple(await self._bench.lidar.get_modes())
-        self._write(
-            {
-                "modes": json.dumps([asdict(mode) for mode in self._modes]),
-                "rules": "\n".join(rule.name for rule in self._rules),
-            }
-        )
+        modes = json.dumps([asdict(mode) for mode in self._modes])
+        self._write({"modes": modes, "rules": "\n".join(rule.name for rule in self._rules)})
         for rule in self._rules:
             for verdict in await self._bench.judge((rule,), **told):
                 self._tried.append(self._told(verdict))

@@ -140,9 +140,7 @@ class Parts:
             oldest = min(self._complete)
             del self._complete[oldest]
             try:
-                oldest.unlink()
-            except FileNotFoundError:
-                pass
+                oldest.unlink(missing_ok=True)
             except OSError as error:
                 _log.warning("%s is too old to keep, and cannot be removed: %s", oldest, cause_of(error))
 

@@ -255,14 +255,12 @@ def _lock(file: IO[bytes], *, alone: bool) -> bool:
     """Lock a file until it is closed, also when the program is killed; False where another one has done so."""
     try:
         import fcntl
-    except ModuleNotFoundError:  # Windows
-        return True
-    try:
+
         fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # not every file system can
-        return True
+    except (ModuleNotFoundError, OSError):  # Windows, and not every file system can
+        pass
     return True
 
 

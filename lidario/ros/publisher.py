@@ -176,17 +176,10 @@ class Publisher(Broadcast):
 
     def _diagnose(self, lidar: Lidar, what: str, rate: float) -> None:
         """Say on ``/diagnostics`` how a lidar is."""
-        message = diagnostics(
-            time.time_ns(),
-            f"{self._node.name}: {what}",
-            lidar.info,
-            lidar.health,
-            stats=lidar.stats,
-            rate=rate,
-            lost="" if lidar.is_connected else AWAY,
-        )
+        name, lost = f"{self._node.name}: {what}", "" if lidar.is_connected else AWAY
+        told = diagnostics(time.time_ns(), name, lidar.info, lidar.health, stats=lidar.stats, rate=rate, lost=lost)
         if self._diagnostics is not None:
-            self._diagnostics.send(message.to_cdr())
+            self._diagnostics.send(told.to_cdr())
 
 
 def _mount_of(mount: object) -> tuple[float, float, float]:

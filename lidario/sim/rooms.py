@@ -10,13 +10,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from lidario.sim.world import DIRECTIONS, Floats, Pose, Segment, Walker, World, cast, seen_from
+from lidario.sim.world import DIRECTIONS, ORIGIN, Floats, Pose, Segment, Walker, World, cast, seen_from
 
-_ORIGIN: Pose = (0.0, 0.0, 0.0)
 _ROUND_SIDES = 720
 
 
-def make_world(name: str = "room", *, seed: int = 0, pose: Pose = _ORIGIN) -> World:
+def make_world(name: str = "room", *, seed: int = 0, pose: Pose = ORIGIN) -> World:
     """Build a world by name.
 
     ``room`` (furnished, an open door, a person who walks), ``corridor`` (long, open at one end), ``circle`` (2 m
@@ -99,7 +98,7 @@ def _corridor(seed: int, pose: Pose) -> World:
 
 
 def _circle(seed: int, pose: Pose) -> World:
-    if pose == _ORIGIN:
+    if pose == ORIGIN:
         return World(np.full(DIRECTIONS, 2000.0), seed=seed)
     return World(_table(tuple(_column(0.0, 0.0, 2.0, _ROUND_SIDES)), pose), seed=seed)
 

@@ -26,6 +26,7 @@ Wall: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 Pose: TypeAlias = tuple[float, float, float]
 """Where a scanner stands in a world: x and y in metres, and its forward axis in radians counter-clockwise."""
 
+ORIGIN: Pose = (0.0, 0.0, 0.0)
 DIRECTIONS = 1 << 15  # directions in the table of distances
 _PER_DEGREE = DIRECTIONS / 360.0
 _TICKS_PER_SECOND = 100
@@ -108,7 +109,7 @@ class Walker:
         radii: tuple[float, float],
         *,
         period_s: float = 20.0,
-        pose: Pose = (0.0, 0.0, 0.0),
+        pose: Pose = ORIGIN,
     ) -> None:
         ticks = np.arange(round(period_s * _TICKS_PER_SECOND))
         phase = ticks * (2.0 * np.pi / len(ticks))

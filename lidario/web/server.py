@@ -286,15 +286,13 @@ def _response(status: int, phrase: str, body: bytes, kind: str = "plain") -> Res
         f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; connect-src 'self'; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
-    headers = Headers(
-        [
-            ("Content-Type", f"text/{kind}; charset=utf-8"),
-            ("Content-Length", str(len(body))),
-            ("Content-Security-Policy", policy),
-            ("X-Content-Type-Options", "nosniff"),
-            ("Referrer-Policy", "no-referrer"),
-            ("Cache-Control", "no-store"),
-            ("Connection", "close"),
-        ]
-    )
-    return Response(status, phrase, headers, body)
+    headers = {
+        "Content-Type": f"text/{kind}; charset=utf-8",
+        "Content-Length": str(len(body)),
+        "Content-Security-Policy": policy,
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer",
+        "Cache-Control": "no-store",
+        "Connection": "close",
+    }
+    return Response(status, phrase, Headers(headers), body)
