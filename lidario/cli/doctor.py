@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import click
 
@@ -25,9 +25,6 @@ from lidario.cli.running import run
 from lidario.cli.stats import Measured, measure, percent, verdict
 from lidario.cli.udev import is_unique
 from lidario.families.adapters import ADAPTERS
-
-if TYPE_CHECKING:
-    from rich.text import Text
 
 SCAN_S = 1.0
 SLOW_LATENCY_MS = 4
@@ -208,15 +205,13 @@ def _nothing_plugged(ports: list[lidario.PortInfo]) -> Finding:
     return Finding("port", "bad", "no port has an adapter that lidars are sold with", cure)
 
 
-def _rows(findings: list[Finding]) -> Iterator[tuple[str | Text, str, str | Text]]:
-    from rich.text import Text
-
+def _rows(findings: list[Finding]) -> Iterator[tuple[str, str, str, str]]:
     colours = {"ok": "green", "hint": "yellow", "bad": "bold red"}
     place = ""
     for finding in findings:
         if finding.port != place:
             place = finding.port
-            yield "", "", Text(place, "bold")
-        yield Text(finding.state, colours[finding.state]), finding.what, finding.text
+            yield "bold", "", "", place
+        yield colours[finding.state], finding.state, finding.what, finding.text
         if finding.cure:
-            yield "", "", "→ " + finding.cure.replace("\n", "\n  ")
+            yield "", "", "", "→ " + finding.cure.replace("\n", "\n  ")

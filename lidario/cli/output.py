@@ -168,9 +168,18 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequen
     return made
 
 
-def judged(rows: Iterable[tuple[str | Text, str, str | Text]]) -> Table:
-    """A table of verdicts: each with a word, what it is of, and a text."""
-    return _grid(rows, {"no_wrap": True}, {"no_wrap": True})
+def judged(rows: Iterable[tuple[str, str, str, str]]) -> Table:
+    """A table of verdicts: each with a style, a word of that style, what it is of, and a text.
+
+    Where there is no word, the text has the style.
+    """
+    from rich.text import Text
+
+    styled = (
+        (Text(word, style), what, text) if word else ("", what, Text(text, style))
+        for style, word, what, text in rows
+    )
+    return _grid(styled, {"no_wrap": True}, {"no_wrap": True})
 
 
 def _grid(rows: Iterable[Sequence[str | Text]], *columns: dict[str, Any], gap: int = 2) -> Table:

@@ -22,8 +22,6 @@ from lidario.cli.settings import only_with
 from lidario.cli.streams import message
 
 if TYPE_CHECKING:
-    from rich.text import Text
-
     from lidario.conformance import Report, Reporter, Rule
 
 HOLDS = (
@@ -188,18 +186,16 @@ def _show(report: Report, news: list[str], as_json: bool) -> None:
     emit_tables(*parts, *(["", judged(_verdicts(report))] if report.tried else ()))
 
 
-def _verdicts(report: Report) -> Iterator[tuple[str | Text, str, str | Text]]:
-    from rich.text import Text
-
+def _verdicts(report: Report) -> Iterator[tuple[str, str, str, str]]:
     from lidario.conformance import RULES, Outcome
 
     colours = {Outcome.HELD: "green", Outcome.BROKEN: "bold red", Outcome.NOT_TRIED: "dim"}
     rules = {rule.name: rule for rule in RULES}
     for each in report.tried:
-        yield Text(each.outcome.value, colours[each.outcome]), each.rule, each.text
+        yield colours[each.outcome], each.outcome.value, each.rule, each.text
         rule = rules.get(each.rule)
         if each.outcome is Outcome.BROKEN and rule is not None:
-            yield "", "", f"→ {rule.sentence} ({rule.origin.value}: {rule.known_from})"
+            yield "", "", "", f"→ {rule.sentence} ({rule.origin.value}: {rule.known_from})"
     counts = ", ".join(f"{len(report.with_outcome(outcome))} {outcome.value}" for outcome in Outcome)
-    yield "", "", ""
-    yield "", "", Text(counts, "bold")
+    yield "", "", "", ""
+    yield "bold", "", "", counts

@@ -12,7 +12,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from statistics import fmean, pstdev
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -25,9 +25,6 @@ from lidario.cli.running import run
 from lidario.cli.settings import config_option, settings_of_file
 from lidario.cli.streams import message
 from lidario.web.traffic import Traffic, traffic
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 TOLERABLE_DAMAGE = 0.005  # one packet in 200; a scan has about 80, so that fewer than every second scan has a gap
 UNEVEN = 0.03
@@ -115,7 +112,7 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
         if as_json:
             dump(_record(measured))
         else:
-            emit_tables(_table(measured))
+            emit_tables(facts(_figures(measured)))
     else:
         message(
             "nothing was measured: revolutions count from the second one on, and none came. "
@@ -197,7 +194,7 @@ def percent(share: float) -> str:
     return f"{value:.0f} %" if value >= 9.95 or value == 0 else f"{value:.1f} %" if value >= 0.1 else "under 0.1 %"
 
 
-def _table(measured: Measured) -> Table:
+def _figures(measured: Measured) -> list[tuple[str, str]]:
     line = measured.line
     word, reason = verdict(measured)
     load = f", {percent(line.load)} of the line" if line.load is not None else ""
@@ -215,7 +212,7 @@ def _table(measured: Measured) -> Table:
         ("CPU", f"{percent(measured.cpu)} of a core"),
         ("verdict", f"{word}: {reason}"),
     ]
-    return facts((name, value) for name, value in rows if value)
+    return [(name, value) for name, value in rows if value]
 
 
 def _record(measured: Measured) -> dict[str, object]:
