@@ -12,10 +12,14 @@ do not wait for numpy and asyncio.
 
 from typing import TYPE_CHECKING
 
-from lidario.loading import keep
+from lidario.loading import keep, load
 from lidario.version import __version__
 
 if TYPE_CHECKING:
+    from lidario import conformance as conformance
+    from lidario import filters as filters
+    from lidario import ros as ros
+    from lidario import testing as testing
     from lidario.basics.model import DeviceInfo, Health, HealthStatus, NetworkAddress, SampleRate, ScanMode, Stats
     from lidario.config.read import Config, LidarConfig, read_config
     from lidario.config.write import save_config
@@ -119,8 +123,12 @@ _HOMES = {
 """Module -> the public names that live in it."""
 
 
+_ROOMS = ("conformance", "filters", "ros", "testing")
+"""Packages that programs import from; ``lidario.filters`` is found without an import of its own, too."""
+
+
 def __getattr__(name: str) -> object:
-    return keep(__name__, name, _HOMES)
+    return load(f"{__name__}.{name}") if name in _ROOMS else keep(__name__, name, _HOMES)
 
 
 def __dir__() -> list[str]:

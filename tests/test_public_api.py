@@ -121,6 +121,11 @@ def test_importing_costs_next_to_nothing() -> None:
     assert not loaded & (EXTRAS | {"numpy", "serial", "anyio"})
 
 
+def test_a_room_is_found_without_an_import_of_its_own() -> None:
+    tried = "print(lidario.filters.RangeFilter.__name__, lidario.ros.Publisher.__name__, lidario.testing.__name__)"
+    assert ended(f"import lidario; {tried}").stdout.split() == ["RangeFilter", "Publisher", "lidario.testing"]
+
+
 @pytest.mark.long
 def test_the_command_waits_for_numpy_only_where_it_is_used() -> None:
     # The shell runs it at each completion.

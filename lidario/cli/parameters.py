@@ -61,7 +61,7 @@ def as_place(text: str) -> lidario.Mount:
         x = y = yaw = math.nan
     if not math.isfinite(x + y + yaw):
         raise click.BadParameter(f"{text!r} is not x,y,yaw in metres and degrees, such as 0.1,0,90")
-    return lidario.Mount(x, y, math.radians(yaw))
+    return lidario.Mount(x, y, math.radians(math.fmod(yaw, 360.0)))
 
 
 def as_mode(text: str) -> str | int:

@@ -8,7 +8,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from math import radians
+from math import fmod, radians
 from typing import Any, Final
 
 import lidario.filters as filters
@@ -150,7 +150,7 @@ def _mount(value: object, place: str) -> Mount:
     _known(table, _PLACES, place)
     x, y, yaw = (_number(table.get(each, 0.0), f"{place}: {each}") for each in _PLACES)
     try:
-        return Mount(x, y, radians(yaw))
+        return Mount(x, y, radians(fmod(yaw, 360.0)))
     except InvalidValue as error:
         raise InvalidValue(f"{place}: {error}") from None
 

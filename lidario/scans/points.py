@@ -8,6 +8,7 @@ Two frames occur: that of the lidar (x forward, y left, metres) and that of the 
 is in the second.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -38,10 +39,19 @@ class Mount(_Planar):
         yaw: Direction of the lidar's forward axis, radians counter-clockwise from the robot's.
 
     Raises:
-        InvalidValue: One of them is no number, or more than 1e6 away from 0.
+        InvalidValue: One of them is no number, or more than 1e6 away from 0; or `yaw` is more than two turns, so
+            that degrees are meant.
     """
 
     __slots__ = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if abs(self.yaw) > 2 * math.tau:
+            raise InvalidValue(
+                f"yaw of a Mount is in radians, and {self.yaw:g} are more than two turns: for degrees write "
+                f"math.radians({self.yaw:g})"
+            )
 
 
 class Velocity(_Planar):
