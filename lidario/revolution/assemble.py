@@ -231,8 +231,7 @@ class Assembler(SteadyAssembler):
             # Only the first mark may rightly stand elsewhere. A false mark moves the seam, and the next moves it
             # back.
             is_first = not split.broken and self.stats.scans == self._earlier_scans
-            sure = partial.whole and not (partial.moved or is_first)
-            if sure and not (split.moved and ended.is_false_part):
+            if partial.whole and not (partial.moved or is_first):
                 self.stats.break_scan()
             self._clock.restart(split.seam / self._stream.format.full_turn)
             return None

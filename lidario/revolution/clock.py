@@ -23,7 +23,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from lidario.families.stream import ENDLESS_TURNS
 from lidario.revolution.build import DatedRevolution
 from lidario.revolution.sparse_speed import SparseSpeed
 
@@ -123,7 +122,6 @@ class RevolutionClock:
 
     def __init__(self, slowest_ns: float, *, exact: bool = False) -> None:
         self._least_late = 0.0 if exact else STAYED_LATE
-        self._slowest_ns = slowest_ns
         self._search = SparseSpeed(slowest_ns)
         self._anchor: Beginning | None = None
         # Since the anchor: time of the samples with the missing ones (NaN if unknown), time of the samples that
@@ -311,9 +309,7 @@ class RevolutionClock:
         usual_ns = self.usual_ns
         alike = bool(usual_ns) and 1 / ALIKE < here.revolution_ns / usual_ns < ALIKE
         came = here.lost <= here.packets and (here.own or here.packets >= FEWEST_PACKETS)
-        # A rotor that is slower than any speed it can keep has just begun to turn.
-        enough = alike or (came and here.revolution_ns <= ENDLESS_TURNS * self._slowest_ns)
-        if here.revolution_ns and not here.broken and enough:
+        if here.revolution_ns and not here.broken and (alike or came):
             if last is None:
                 confirmed = not usual_ns or alike
             else:
@@ -329,7 +325,7 @@ class RevolutionClock:
                 return
         if usual_ns:
             here.revolution_ns, here.borrowed = usual_ns, True
-        elif here.broken or not enough:
+        elif here.broken or not (alike or came):
             here.revolution_ns = 0.0
 
 

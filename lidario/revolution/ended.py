@@ -108,12 +108,6 @@ class EndedRevolution:
         # More than one revolution by its angles: at the seam they went back so little that it looked like jitter.
         return passed > UNEVEN * samples.last.samples
 
-    @property
-    def is_false_part(self) -> bool:
-        """Whether it is so short that one of the two splits around it was false."""
-        samples = self.samples
-        return samples.certain and self.count < FALSE_PART * samples.last.samples
-
     def least_ns(self, wire: StreamFormat, usual_ns: float) -> float:
         """Time that must have passed if this is more than a part of a revolution; 0 if enough of it came.
 

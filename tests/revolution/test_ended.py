@@ -107,12 +107,6 @@ def test_its_last_packet_may_have_waited_while_nothing_came(next_after: float, b
     assert here.is_broken(DenseFormat(), USUAL_NS) is broken
 
 
-@pytest.mark.parametrize(("packets", "false"), [(39, True), (40, False), (80, False)])
-def test_less_than_half_of_one_between_two_splits_is_none(packets: int, false: bool) -> None:
-    assert ended(partial(packets, END_NS), decoded(packets, 80.0), 0).is_false_part is false
-    assert not ended(partial(packets, END_NS), decoded(packets, 80.0, certain=False), 0).is_false_part
-
-
 @pytest.mark.parametrize(
     ("over", "packets", "share"),
     [
