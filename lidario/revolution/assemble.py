@@ -319,8 +319,7 @@ class Assembler(SteadyAssembler):
         partial, packets, samples, wire = ended.partial, ended.packets, ended.samples, self._stream.format
         ended.spanned_ns += ended.missing_samples(gap_behind=self.partial.carried is None) * ended.sample_ns
         ordinary_ns = self._clock.usual_ns or ended.spanned_ns
-        # A program that reads late reads much together: only a gap shows in which revolution an outage was.
-        broken = ended.is_broken(wire, ordinary_ns) or (bool(ended.lost) and self._clock.is_late)
+        broken = ended.is_broken(wire, ordinary_ns)
         told = samples.lost + partial.lost_behind_carried + ended.revoked
         if self._told_seq is None and self._ended_at is not None:
             least_ns = ended.least_ns(wire, self._clock.usual_ns)

@@ -18,13 +18,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidario.families.arcs import ArcDecoder
-from lidario.families.base import Samples
 from lidario.revolution.assemble import AssemblerStats
 from lidario.revolution.pipeline import Pipeline
 from lidario.scans.scan import Scan
 from lidario.scans.sector import Sector
-from lidario.wire.events import Packets
 from tests.support.cases import CASES, KINDS, Case, most_or_all
 from tests.support.harm import messes
 from tests.support.kept import arrivals
@@ -297,31 +294,24 @@ def test_a_lost_packet_is_told_with_the_sector_in_which_it_began(name: str) -> N
         assert told in [[int(began[lost] * parts + slack)] for slack in (-0.1, 0.1)]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("more", [-2, 2])
-def test_where_pieces_tell_of_other_losses_than_their_revolution_the_last_sector_is_right(
-    more: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As where the rotor speeds up before a gap across the seam."""
-    decode = ArcDecoder.decode
-
-    def decoded(
-        self: ArcDecoder, packets: Packets, following: bytes | None, room: int = 0, seam: int | None = None
-    ) -> Samples:
-        found = decode(self, packets, following, room, seam)
-        if packets.count < 40 and found.lost_behind:
-            found.lost, found.lost_behind = found.lost + more, found.lost_behind + more
-        return found
-
-    monkeypatch.setattr(ArcDecoder, "decode", decoded)
+@pytest.mark.parametrize(("begin", "gone"), [(0.0, (0, 1, 2)), (0.26, (3, 4))])
+def test_a_sector_of_which_nothing_came_is_stepped_over(begin: float, gone: tuple[int, ...]) -> None:
+    """From a bit behind the seam, or from the third sector on, the others keep their places."""
     wire = DENSE.make_format()
-    begins = wire.headings(in_one_run(wire, DENSE.raw))
-    seam = [at for at in range(len(begins) - 1) if begins[at] > begins[at + 1]][2]
-    raw, times, _ = without(DENSE, range(seam - 3, seam + 3))
+    began = [float(wire.headings(in_one_run(wire, packet))[0]) / wire.full_turn for packet in DENSE.packets]
+    first, last = [number for number in range(1, len(began)) if began[number] < began[number - 1]][3:5]
+    end = (max(gone) + 1) / 8
+    lost = {number for number in range(first, last) if begin <= began[number] < end}
+    raw, times, _ = without(DENSE, lost)
     found = divided(DENSE, raw, (8,), 84, times)
-    told = [sum(each.lost_packets for each in found.sectors[8] if each.seq == scan.seq) for scan in found.scans]
-    assert told == [scan.lost_packets for scan in found.scans]
-    assert sum(told) == 6
+    (broken,) = [scan for scan in found.scans if scan.lost_packets]
+    sectors = {sector.index: sector for sector in found.sectors[8] if sector.seq == broken.seq}
+    # Samples of the packet before the gap may lie in the first of these sectors.
+    assert set(range(8)) - set(gone) <= sectors.keys() <= set(range(8)) - set(gone[1:])
+    for index, sector in sectors.items():
+        away = (sector.device_angles - 45 * index + 90) % 360 - 90
+        assert ((away >= -SAMPLE_DEG) & (away < 45 + SAMPLE_DEG)).all()
+    assert sum(sector.lost_packets for sector in sectors.values()) == broken.lost_packets == len(lost)
 
 
 @pytest.mark.long
