@@ -102,6 +102,7 @@ FIGURES: Final = (
     _part("times_off_ms", 0, "half of the samples", 0.05),
     _part("times_off_ms", 1, "at most", 0.5),
     _number("overlap_ms", 0.5),
+    _number("no_rpm"),
 )
 """All figures that have a direction; a row has those whose names it has."""
 

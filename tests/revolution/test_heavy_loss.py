@@ -13,7 +13,6 @@ from lidario.scans.scan import Scan
 from lidario.scans.sector import Sector
 from lidario.wire.envelope import DESCRIPTOR_SIZE
 from tests.fuzz.checks import check_scan
-from tests.revolution.test_known_truth import scored
 from tests.support import cases
 from tests.support.streams import open_stream, stream_of
 from tests.support.turns_4ros import SAMPLE_NS, scans_of, turn_of
@@ -129,11 +128,3 @@ def test_a_step_from_sample_to_sample_never_becomes_too_small_to_be_one(case: ca
         piece = [packets[number % len(packets)] for number in range(begin, begin + together)]
         for scan in pipeline.receive(b"".join(piece), now):
             check_scan(scan)
-
-
-@pytest.mark.long
-def test_a_revolution_of_which_most_is_missing_makes_no_speed_sure() -> None:
-    """Gaps that are alike by chance would: of these, a third of the packets and less."""
-    found = scored("0x84 A3", "60 % of the packets spoilt")
-    assert found.rpm_off is not None
-    assert found.rpm_off[1] < 0.1

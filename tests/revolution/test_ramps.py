@@ -70,14 +70,6 @@ def test_nodes_of_a_rotor_that_speeds_up_lose_nothing(way: str, begin: float) ->
     assert (found.told, found.told_revolutions, found.kept) == (0, 0, found.samples)
 
 
-@pytest.mark.parametrize("name", ["0x81 S1", "0x84 A1"])
-def test_a_rotor_that_starts_right_before_the_seam_loses_nothing(name: str) -> None:
-    """Its first revolution is a few degrees, in which it has hardly begun to turn."""
-    found = scored(name, "from rest right before the seam")
-    assert (found.told, found.told_revolutions, found.wrong) == (0, 0, 0)
-    assert found.delivered > 30
-
-
 @pytest.mark.parametrize("name", ["0x82 A1", "0x84 A3"])
 def test_while_a_rotor_speeds_up_lost_packets_cost_no_revolution(name: str) -> None:
     """From rest, so that its arcs are many times as long at the end of a revolution as at the beginning."""
