@@ -154,12 +154,6 @@ def test_the_first_speed_is_known_where_half_of_the_packets_came(lost: int, revo
     assert first.revolution_ns == revolution_ns
 
 
-def test_what_is_over_of_a_revolution_counts() -> None:
-    """Its beginning was lost: it begins later, but is the next one all the same."""
-    found = told([beginning(0), beginning(1.8, over=0.8), beginning(2.02), beginning(3.02)])
-    assert found == [(0, 0)] * 4
-
-
 def test_a_speed_is_confirmed_by_where_both_revolutions_begin() -> None:
     """The rotor is 30 % slower, and of the first slow revolution 40 % were lost: its beginning was in time."""
     clock = RevolutionClock(1e9)

@@ -1,7 +1,6 @@
 """What a revolution that has ended tells, of which something is missing."""
 
 from dataclasses import replace
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -144,11 +143,6 @@ def test_only_a_time_of_a_sample_that_is_told_proves_how_long_it_took(certain: b
     beginning = here.beginning(DenseFormat(), broken=False, number=3, packets_before=7)
     assert beginning.tells_time is (certain and told)
     assert beginning.spanned_ns == (USUAL_NS if certain and told else 0)
-
-
-def test_what_a_whole_one_takes_is_known_where_its_step_is() -> None:
-    assert ended(partial(80, END_NS), decoded(80, 80.0), 0).turn_ns == USUAL_NS
-    assert ended(partial(80, END_NS), decoded(80, 80.0, certain=False), 0).turn_ns == inf
 
 
 @pytest.mark.parametrize("certain", [False, True])

@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks import truth_cases
-from benchmarks.truth_streams import TrueStream
 from lidario.families.rplidar.simulated import packers
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.scans.scan import Scan
@@ -50,24 +49,10 @@ def test_a_stream_that_begins_right_before_the_seam_tells_an_outage(first_deg: i
     assert scans[-1].seq == int(angles[-1] / TURN) - 2
 
 
-def undamaged(stream: TrueStream, random: np.random.Generator) -> truth_cases.Line:
-    del random
-    return truth_cases.Line(stream.data, stream.arrivals_ns, 0)
-
-
 def starting(
     hertz: float, seconds: NDArray[np.float64], *, rest_s: float = 0.0, in_s: float = 0.8
 ) -> NDArray[np.float64]:
     return -hertz * np.expm1(-np.maximum(seconds - rest_s, 0.0) / in_s)
-
-
-@pytest.mark.parametrize("begin", [0.93, 0.962, 0.97])
-@pytest.mark.parametrize("way", ["read", "file"])
-def test_nodes_of_a_rotor_that_speeds_up_lose_nothing(way: str, begin: float) -> None:
-    """From rest, and the first part of a revolution is short. In a file such a start was never got over."""
-    case = truth_cases.Case("starting", undamaged, starting, 2.0, begin)
-    found = scored("0x81 S1", case, way)
-    assert (found.told, found.told_revolutions, found.kept) == (0, 0, found.samples)
 
 
 @pytest.mark.parametrize("name", ["0x82 A1", "0x84 A3"])

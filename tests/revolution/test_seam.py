@@ -104,18 +104,6 @@ def test_a_restart_is_one_unless_it_fits_the_steady_step(before: list[int], rest
     assert found == [Split(len(before), marked=False, broken=True, seam=0)] * is_one
 
 
-@pytest.mark.parametrize("around", [0, 45, 89.9, 90, 90.1, 180, 270, 329.9, 330, 330.1, 350])
-def test_falling_back_a_little_ends_no_turn(around: float) -> None:
-    """Triangulating models correct their angles by up to 3 degrees, wherever they look."""
-    for back in (0.02, 1, 3, 5):
-        degrees = [200, 260, 320, 355, *(each for each in range(5, 360, 7) if each < around - back)]
-        trembling = [around + back * (-1 if n % 2 else 1) / 2 for n in range(10)]
-        rest = [each for each in range(5, 360, 7) if each > around + back]
-        whole = splits(*degrees, *trembling, *rest, 1, 8)
-        assert len(whole) == 2, back
-        assert whole[1] == len(degrees) + len(trembling) + len(rest)
-
-
 def marked(*headings: int) -> list[tuple[int, bool]]:
     found = Seam(TURN, None).splits(headings)
     return [(split.packet, split.marked) for split in found]
