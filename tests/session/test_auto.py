@@ -208,7 +208,9 @@ async def test_one_that_responds_while_others_are_looked_for_by_dtr_is_what_it_s
     device.response_delay_s = 0.12
     port = connect_in_memory(device)
     port.baudrate = 0
-    connection = await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port))
+    received = listening.ReceivedInSilence()
+    port.add_tap(received.see)
+    connection = await find_by_dtr(Woken(port), [Attempt(family_named("ydlidar"), 0)], received)
     assert connection is not None
     assert connection.info.model == "YDLIDAR 4ROS"
     (mode,) = await connection.dialogue.run(connection.dialogue.device.modes())
@@ -221,7 +223,8 @@ async def test_behind_a_search_by_dtr_that_finds_none_what_dtr_lights_is_dark_ag
     device.transmit = lambda now: b""
     port = connect_in_memory(device)
     port.baudrate = 0
-    assert await find_by_dtr(port, [Attempt(family_named("ydlidar"), 0)], Woken(port)) is None
+    tries = [Attempt(family_named("ydlidar"), 0)]
+    assert await find_by_dtr(Woken(port), tries, listening.ReceivedInSilence()) is None
     assert not device.lit
     await port.close()
 

@@ -43,7 +43,7 @@ class Woken:
     """
 
     def __init__(self, port: Port) -> None:
-        self._port = port
+        self.port: Port = port
         self._loop = asyncio.get_running_loop()
         self._stops: set[tuple[int, bytes]] = set()
 
@@ -71,22 +71,22 @@ class Woken:
 
         At each step, what is still under way would be garbled by another speed.
         """
-        speed = self._port.baudrate
+        speed = self.port.baudrate
         for baudrate, stop in sorted(self._stops):
-            if self._port.is_open:
+            if self.port.is_open:
                 self._at(baudrate)
-                self._port.write(stop)
+                self.port.write(stop)
                 yield
         self._at(speed)
 
     def _at(self, baudrate: int) -> None:
         with suppress(ConnectFailed):
-            self._port.set_baudrate(baudrate)
+            self.port.set_baudrate(baudrate)
 
 
-def begun(port: Port, attempt: Attempt, woken: Woken) -> Connection:
+def begun(woken: Woken, attempt: Attempt) -> Connection:
     """The connection to what is asked; nothing was written. With it, what was `woken` before is abandoned."""
-    return Connection(Dialogue(port, made(port, attempt), attempt.family.timing), woken.abandon)
+    return Connection(Dialogue(woken.port, made(woken.port, attempt), attempt.family.timing), woken.abandon)
 
 
 def made(port: Port, attempt: Attempt) -> Device:
@@ -98,24 +98,19 @@ def made(port: Port, attempt: Attempt) -> Device:
     return device
 
 
-async def find_by_dtr(port: Port, tries: list[Attempt], woken: Woken) -> Connection | None:
+async def find_by_dtr(woken: Woken, tries: list[Attempt], received: ReceivedInSilence) -> Connection | None:
     """One of the models that are dark while DTR is cleared; None when none responds.
 
-    Each is asked once, and once more where as much as a response came back: it may have been damaged.
+    Each is asked once, and once more where as much as a response was `received`: it may have been damaged.
     """
-    came = ReceivedInSilence()
-    port.add_tap(came.see)
-    try:
-        for guess, patience_s in _dark_ones(tries):
-            before = came.total
-            connection = await ask_once(port, guess, woken, patience_s=patience_s)
-            if connection is None and 0 < came.total - before <= RESPONSE_BYTES:
-                connection = await ask_once(port, guess, woken, patience_s=patience_s)
-            if connection is not None:
-                return connection
-    finally:
-        port.remove_tap(came.see)
-    port.set_dtr(False)
+    for guess, patience_s in _dark_ones(tries):
+        before = received.total
+        connection = await ask_once(woken, guess, patience_s=patience_s)
+        if connection is None and 0 < received.total - before <= RESPONSE_BYTES:
+            connection = await ask_once(woken, guess, patience_s=patience_s)
+        if connection is not None:
+            return connection
+    woken.port.set_dtr(False)
     return None
 
 
@@ -135,7 +130,7 @@ def _dark_ones(tries: list[Attempt]) -> Iterator[tuple[Attempt, float]]:
 
 
 async def ask_once(
-    port: Port, attempt: Attempt, woken: Woken, *, quick: bool = False, patience_s: float = 0.0
+    woken: Woken, attempt: Attempt, *, quick: bool = False, patience_s: float = 0.0
 ) -> Connection | None:
     """Ask one family's question once at one speed; None when there is no response.
 
@@ -143,12 +138,12 @@ async def ask_once(
     long the response may take; 0 for as long as is usual. Where it is ended while nothing has
     responded, the port stays open: what the device is must still be found out, to leave it still.
     """
-    loop = asyncio.get_running_loop()
+    loop, port = asyncio.get_running_loop(), woken.port
     try:
         port.set_baudrate(attempt.baudrate)
     except ConnectFailed:
         return None  # the adapter cannot do it; its device runs at another speed
-    connection = begun(port, attempt, woken)
+    connection = begun(woken, attempt)
     dialogue = connection.dialogue
     try:
         dialogue.hurry(patience_s or (QUICK_S if quick else PROBE_S))

@@ -19,20 +19,19 @@ from contextlib import suppress
 import anyio
 
 from lidario.errors import LidarError
-from lidario.port.port import Port
 from lidario.session.finding.asking import Attempt, Woken, ask_once, made
 from lidario.session.finding.listening import listen
 from lidario.session.talking.dialogue import Dialogue
 
 
-async def leave_still(port: Port, tries: list[Attempt], woken: Woken) -> None:
+async def leave_still(woken: Woken, tries: list[Attempt]) -> None:
     """Stop what is at an open port, what the search has `woken` first, and begin to close the port.
 
     It takes a bounded time. A cancellation that comes meanwhile is raised afterwards: the loop may not go on then.
     """
     cancelled: asyncio.CancelledError | None = None
     with anyio.CancelScope(shield=True):
-        task = asyncio.ensure_future(_stop(port, tries, woken))
+        task = asyncio.ensure_future(_stop(woken, tries))
         while not task.done():
             try:
                 await asyncio.wait([task])
@@ -41,43 +40,43 @@ async def leave_still(port: Port, tries: list[Attempt], woken: Woken) -> None:
         # A line that is lost, or cannot have a speed; or the program ends all tasks.
         with suppress(LidarError, asyncio.CancelledError):
             task.result()
-        if not port.is_closing:
-            port.close_soon()
+        if not woken.port.is_closing:
+            woken.port.close_soon()
     if cancelled is not None:
         raise cancelled
 
 
-async def _stop(port: Port, tries: list[Attempt], woken: Woken) -> None:
+async def _stop(woken: Woken, tries: list[Attempt]) -> None:
     await woken.stop()
-    families = list(dict.fromkeys(each.family for each in tries))
-    found = tries[0] if len(families) == 1 else None
+    port = woken.port
+    found = tries[0] if len({each.family for each in tries}) == 1 else None
     if len(tries) > 1:
-        heard = await listen(port, list(dict.fromkeys(each.baudrate for each in tries)), families)
+        heard = await listen(port, tries)
         if heard.stream is not None:
             found = Attempt(*heard.stream)
         else:
             if found is not None or not heard.silent:
-                await _stop_any(port, tries, woken)
-            if found is None and await _asked(port, tries, woken):
+                await _stop_any(woken, tries)
+            if found is None and await _asked(woken, tries):
                 return
     if found is not None:
         port.set_baudrate(found.baudrate)
         await Dialogue(port, made(port, found), found.family.timing).close()
 
 
-async def _stop_any(port: Port, tries: list[Attempt], woken: Woken) -> None:
+async def _stop_any(woken: Woken, tries: list[Attempt]) -> None:
     for each in tries:
-        device = made(port, each)
+        device = made(woken.port, each)
         stops = (device.fill, *device.halt_unknown(), *device.halt())
         woken.add(each.baudrate, b"".join(request.data for request in stops))
     await woken.stop()
 
 
-async def _asked(port: Port, tries: list[Attempt], woken: Woken) -> bool:
+async def _asked(woken: Woken, tries: list[Attempt]) -> bool:
     """Whether one has responded whose motor may turn while DTR is cleared; then it is still, the port closed."""
     for each in tries:
-        if any(request.dtr is not None for request in made(port, each).halt_unknown()):
-            connection = await ask_once(port, each._replace(is_guess=True), woken, quick=True)
+        if any(request.dtr is not None for request in made(woken.port, each).halt_unknown()):
+            connection = await ask_once(woken, each._replace(is_guess=True), quick=True)
             if connection is not None:
                 await connection.dialogue.close()
                 return True

@@ -14,12 +14,14 @@ not in a file: a library does not write to a user's folders unasked, a file may 
 and what it would save is one round of listening, a second at most, once in a program.
 """
 
+from __future__ import annotations
+
 import asyncio
 import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from lidario.basics.model import LineErrors
 from lidario.basics.source import Source, quoted
@@ -29,6 +31,9 @@ from lidario.families.base import Family
 from lidario.families.registry import FAMILIES
 from lidario.port.port import Port
 from lidario.wire.formats import StreamFormat
+
+if TYPE_CHECKING:
+    from lidario.session.finding.asking import Attempt
 
 BY_ID: Final = Path("/dev/serial/by-id")
 """Where adapters have names that last."""
@@ -59,13 +64,14 @@ class Heard(NamedTuple):
     silent: bool  # nothing came at all
 
 
-async def listen(port: Port, speeds: Sequence[int], families: Sequence[Family]) -> Heard:
-    """Recognise a stream at one of `speeds`. Writes nothing.
+async def listen(port: Port, tries: Sequence[Attempt]) -> Heard:
+    """Recognise a stream of one of those families, at one of those speeds. Writes nothing.
 
     It takes 0.12 s where nothing arrives, and at most as long for each speed where something does. Cancelling it
     leaves the port open.
     """
-    for speed in speeds:
+    families = list(dict.fromkeys(each.family for each in tries))
+    for speed in dict.fromkeys(each.baudrate for each in tries):
         try:
             port.set_baudrate(speed)
         except ConnectFailed:

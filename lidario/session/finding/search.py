@@ -26,7 +26,7 @@ from lidario.port.port import Port
 from lidario.session.finding.asking import Attempt, Woken, ask_once, begun, find_by_dtr, leave
 from lidario.session.finding.connection import Connection
 from lidario.session.finding.leaving import leave_still
-from lidario.session.finding.listening import Heard, ReceivedInSilence, listen
+from lidario.session.finding.listening import ReceivedInSilence, listen
 from lidario.session.talking.dialogue import Dialogue
 from lidario.session.talking.handshake import RESPONSE_BYTES, introduce
 
@@ -52,6 +52,7 @@ class Search:
         on_dialogue: Callable[[Dialogue], None] | None,
     ) -> None:
         self.tries: list[Attempt] = tries
+        # Listened to are all of them, also those that hear nothing.
         self._port, self._all = port, tries
         self._received = received
         self._listened_at = 0  # how many bytes had come when the line was listened to before
@@ -69,7 +70,7 @@ class Search:
         else:
             connection = await self._try_known(self.tries[0], patient=patient)
         if connection is None and len(self.tries) == 1 and by_dtr:
-            connection = await find_by_dtr(self._port, self.tries, self._woken)
+            connection = await find_by_dtr(self._woken, self.tries, self._received)
         return connection
 
     async def leave(self, *, found_nothing: bool) -> None:
@@ -86,14 +87,14 @@ class Search:
             # One of a known family may hear us although its responses do not reach us.
             helps = len(families) == 1 or not found_nothing
             if helps and port.is_open and not self._loop.is_closed():
-                await leave_still(port, self.tries, self._woken)
+                await leave_still(self._woken, self.tries)
             else:
                 await self._woken.stop()
                 port.close_soon()
 
     async def _find_among(self, *, patient: bool) -> Connection | None:
         """The device, where several families or speeds are to be tried."""
-        heard = await self._listen()
+        heard = await listen(self._port, self._all)
         if heard.stream is not None:
             return await self._try_heard(heard.stream)
         tries = [each for each in self.tries if _may_hear(each)] or self.tries
@@ -131,7 +132,7 @@ class Search:
 
     async def _ask_by_dtr(self, tries: list[Attempt]) -> Connection | None:
         """One of the models that are dark while DTR is cleared; or what streams then."""
-        return await find_by_dtr(self._port, tries, self._woken) or await self._listen_again()
+        return await find_by_dtr(self._woken, tries, self._received) or await self._listen_again()
 
     async def _ask_each(
         self, left: dict[Attempt, float], *, quick: bool = False, listens: bool = True, waits: bool = False
@@ -151,7 +152,7 @@ class Search:
                 return connection
             began = self._loop.time()
             patience_s = each.family.timing.starts_s if waits else 0.0
-            connection = await ask_once(self._port, each, self._woken, quick=quick, patience_s=patience_s)
+            connection = await ask_once(self._woken, each, quick=quick, patience_s=patience_s)
             if connection is not None:
                 return connection
             if began >= deadline and not quick:
@@ -165,14 +166,9 @@ class Search:
         """
         if self._is_noisy or self._received.total - self._listened_at <= RESPONSE_BYTES:
             return None
-        heard = await self._listen()
+        heard = await listen(self._port, self._all)
         self._is_noisy, self._listened_at = not heard.silent, self._received.total
         return None if heard.stream is None else await self._try_heard(heard.stream)
-
-    async def _listen(self) -> Heard:
-        """Listen to all of them, also to those that hear nothing."""
-        speeds = list(dict.fromkeys(each.baudrate for each in self._all))
-        return await listen(self._port, speeds, list(dict.fromkeys(each.family for each in self._all)))
 
     async def _try_heard(self, stream: tuple[Family, int]) -> Connection | None:
         """Ask the one of them whose stream was recognised."""
@@ -184,7 +180,7 @@ class Search:
     async def _try_known(self, known: Attempt, *, patient: bool = True) -> Connection | None:
         """Ask the one family at the one speed that it can be, with patience; None when there is no response."""
         self._port.set_baudrate(known.baudrate)
-        connection = begun(self._port, known, self._woken)
+        connection = begun(self._woken, known)
         dialogue = connection.dialogue
         try:
             self._known = dialogue
