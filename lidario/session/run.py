@@ -88,7 +88,9 @@ class _Signals:
 
     def __init__(self) -> None:
         self.caught: list[int] = []  # those that came
-        self._ending = _ending_signals()
+        # SIGTERM and SIGHUP, unless the program has chosen what they do. Windows knows no SIGHUP.
+        known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        self._ending: list[int] = [each for each in known if signal.getsignal(each) is signal.SIG_DFL]
         self._before = {number: signal.getsignal(number) for number in (signal.SIGINT, *self._ending)}
         self._taken: dict[int, Any] = {}
         self._interrupted_at = 0.0
@@ -140,10 +142,3 @@ class _Signals:
             # The loop gives back the others.
             signal.signal(signal.SIGINT, self._before[signal.SIGINT])
         return taken
-
-
-def _ending_signals() -> list[int]:
-    """SIGTERM and SIGHUP, unless the program has chosen what they do."""
-    # Windows knows no SIGHUP.
-    known: list[int] = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    return [number for number in known if signal.getsignal(number) is signal.SIG_DFL]

@@ -180,8 +180,13 @@ class Reconnector:
         deadline = None if math.isinf(limit) else self._since + limit
         try:
             async with asyncio.timeout_at(deadline):
-                await self._leave()
-                connection, health = await self._try_until_found()
+                # The line is closed; the device is stopped when it was found again.
+                await self._known.dialogue.close(patient=False)
+                await self.unused()
+                found = await self._attempt() if self.proven else None
+                while found is None:
+                    await self._wait()
+                    found = await self._attempt()
         except TimeoutError:
             self._give_up()
         except Exception as error:
@@ -189,23 +194,12 @@ class Reconnector:
         else:
             # Nothing is awaited from here on: `cancel` comes either before, and then there is no connection, or
             # after, and then the session has taken it over.
-            self._take_over(connection, health)
+            self._take_over(*found)
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         """Where the program has cancelled all tasks and goes on, no reader waits for ever."""
         if task.cancelled() and self.gave_up is not None:
             self._end_with(LocalProtocolError("the program has cancelled the task that brings the session back"))
-
-    async def _leave(self) -> None:
-        await self._known.dialogue.close(patient=False)  # it is stopped when it was found again
-        await self.unused()
-
-    async def _try_until_found(self) -> tuple[Connection, Health]:
-        if not self.proven:
-            await self._wait()
-        while (found := await self._attempt()) is None:
-            await self._wait()
-        return found
 
     async def _wait(self) -> None:
         wait, self._wait_s = self._wait_s, min(2 * self._wait_s, self._policy.longest_wait_s)
