@@ -17,6 +17,7 @@ from lidario.version import __version__
 
 if TYPE_CHECKING:
     from lidario import conformance as conformance
+    from lidario import errors as errors
     from lidario import filters as filters
     from lidario import ros as ros
     from lidario import testing as testing
@@ -123,8 +124,8 @@ _HOMES = {
 """Module -> the public names that live in it."""
 
 
-_ROOMS = ("conformance", "filters", "ros", "testing")
-"""Packages that programs import from; ``lidario.filters`` is found without an import of its own, too."""
+_ROOMS = ("conformance", "errors", "filters", "ros", "testing")
+"""What programs import from. ``lidario.filters`` is also found after ``import lidario`` alone."""
 
 
 def __getattr__(name: str) -> object:

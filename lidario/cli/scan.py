@@ -15,7 +15,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import click
 
@@ -86,7 +85,16 @@ class _Reading:
 @click.option("--keep-spinning", is_flag=True, help="Leave the motor on; only the measuring stops.")
 @reconnect_option
 @guard_option
-def scan(source: str, count: int, mode: str | int | None, as_json: bool, as_csv: bool, **of_opening: Any) -> None:
+def scan(
+    source: str,
+    count: int,
+    mode: str | int | None,
+    as_json: bool,
+    as_csv: bool,
+    keep_spinning: bool,
+    reconnect: bool,
+    guard: bool,
+) -> None:
     """Read scans and print them.
 
     Angles are radians counter-clockwise from forward, ranges metres; null (JSON) or an empty field (CSV) where
@@ -106,9 +114,12 @@ def scan(source: str, count: int, mode: str | int | None, as_json: bool, as_csv:
     failure: Exception | None = None
 
     async def work() -> None:
+        opening = lidario.open_lidar(
+            source, keep_spinning=keep_spinning, reconnect=reconnect, guard=guard, config=config
+        )
         with ExitStack() as waiting:
             waiting.enter_context(progress(f"waiting for {source if source != 'auto' else 'the first scan'} …"))
-            async with lidario.open_lidar(source, config=config, **of_opening) as lidar:
+            async with opening as lidar:
                 await reading.read(lidar, mode, count, waiting.close)
 
     try:

@@ -12,7 +12,6 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from statistics import fmean, pstdev
-from typing import Any
 
 import click
 
@@ -123,12 +122,17 @@ def stats(source: str, seconds: float, mode: str | int | None, as_json: bool, gu
     return ExitCode.OK if measured.stamps else ExitCode.NO_DATA
 
 
-async def measure(source: str, seconds: float, mode: str | int | None, into: Measured, **options: Any) -> None:
-    """Read scans for so long; what was read until then is in `into` also when it is cancelled.
-
-    The further arguments are those of `lidario.open_lidar`.
-    """
-    async with lidario.open_lidar(source, **options) as lidar, lidar.scans(mode) as scans:
+async def measure(
+    source: str,
+    seconds: float,
+    mode: str | int | None,
+    into: Measured,
+    *,
+    guard: bool = False,
+    config: lidario.Config | None = None,
+) -> None:
+    """Read scans for so long; what was read until then is in `into` also when it is cancelled."""
+    async with lidario.open_lidar(source, guard=guard, config=config) as lidar, lidar.scans(mode) as scans:
         into.model, into.serial = lidar.info.model, lidar.info.serial
         into.simulated = lidar.source.startswith("sim:")
         if await anext(scans, None) is None:
@@ -219,7 +223,9 @@ def _record(measured: Measured) -> dict[str, object]:
     line = measured.line
     word, reason = verdict(measured)
     return {
-        **{name: getattr(measured, name) for name in ("model", "serial", "mode")},
+        "model": measured.model,
+        "serial": measured.serial,
+        "mode": measured.mode,
         "seconds": round(measured.seconds, 3),
         "scans": len(measured.samples),
         "hertz": _finite(measured.hertz, 4),

@@ -55,6 +55,7 @@ class OpenSector:
 class Decoded:
     """What is known of a revolution up to a packet that has passed the end of a sector, or up to its own end."""
 
+    samples: Samples | None  # its packets, decoded; None if there are none before the next one
     arrays: SampleArrays  # its samples so far, with those that were carried over
     gaps: Sequence[tuple[int, int]]  # where samples are missing, as `PartialRevolution.gaps` tells it
     lost: int  # packets that are missing before the last packet
@@ -161,7 +162,7 @@ class DividedRevolution:
         if arc > full_turn - full_turn // RETREAT_PART:
             arc = 0.0
         lost = self.partial.lost_before + self.partial.lost_behind_carried
-        self.decoded = Decoded(carried, (), lost, 0, last=0, last_samples=count, last_arc=arc)
+        self.decoded = Decoded(None, carried, (), lost, 0, last=0, last_samples=count, last_arc=arc)
 
     def take(self, packets: Packets, samples: Samples, room: int, next_at: int) -> None:
         """Take all packets so far, decoded: judge whether they are certain, and when the first sample came.
@@ -186,7 +187,7 @@ class DividedRevolution:
         self.gap |= bool(samples.lost)
         lost = partial.lost_before + partial.lost_behind_carried + samples.lost - samples.lost_behind
         gaps = partial.gaps(samples, room, len(arrays), revoked=False) or ()
-        self.decoded = Decoded(arrays, gaps, lost, samples.lost_behind, self.latest, last_samples, arc)
+        self.decoded = Decoded(samples, arrays, gaps, lost, samples.lost_behind, self.latest, last_samples, arc)
 
     def _judge(self, packets: Packets, samples: Samples, room: int, next_at: int) -> None:
         skipped_before = self.partial.skipped_behind_carried

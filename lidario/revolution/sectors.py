@@ -5,8 +5,8 @@ a sector: all its packets up to there, by a copy of the decoder. What was not ha
 packet lies across the end, its samples are divided as at the seam: by where the rotor stood. A packet that can only
 be decoded together with the one behind it waits for that one.
 
-When the revolution has ended, it is decoded, judged and counted as if nobody read sectors. If packets are missing
-in it, the last ones may show that a gap was larger or smaller: its scan keeps the angles that its sectors had.
+When the revolution has ended, it is decoded, judged and counted as without sectors. Its last packets may show that
+a gap was larger or smaller than it seemed. The scan keeps the angles that its sectors had.
 
 The number of a revolution is known only at its end, when time shows how many revolutions passed unseen before it. A
 sector needs the number earlier. So it is found in the same way from what is known when the first sector is
@@ -99,9 +99,9 @@ class SectorAssembler(Assembler):
             if 0 < angle - here.passed <= most:
                 here.passed = angle
                 if angle >= here.ends[here.at][0]:
-                    samples = self._decode_until(here, number, angle)
+                    self._decode_until(here, number, angle)
                     while angle >= here.ends[here.at][0]:
-                        self._hand_out(here, samples)
+                        self._hand_out(here)
             here.latest = angle
 
     def _begin(self, first: int) -> DividedRevolution | None:
@@ -126,15 +126,11 @@ class SectorAssembler(Assembler):
             usual_samples=before.usual_samples if before else 0.0,
         )
 
-    def _decode_until(self, here: DividedRevolution, number: int, at: int) -> Samples | None:
-        """Decode the packets of the revolution before packet `number`, which begins `at` behind the seam.
-
-        Returns:
-            The samples; None if there are no packets before.
-        """
+    def _decode_until(self, here: DividedRevolution, number: int, at: int) -> None:
+        """Decode the packets of the revolution before packet `number`, which begins `at` behind the seam."""
         if not number:
             here.begin_with(at)
-            return None
+            return
         partial, wire = self.partial, here.wire
         run = joined(partial.runs)
         partial.runs = [run]
@@ -143,17 +139,11 @@ class SectorAssembler(Assembler):
         room = 0 if partial.carried is None else len(partial.carried)
         samples = self._decoder.fork().decode(packets, run.data[offsets[number] : offsets[number + 1]], room)
         here.take(packets, samples, room, at)
-        return samples
 
     # ------------------------------------------------------------------------------------------------ sectors
 
-    def _hand_out(self, here: DividedRevolution, samples: Samples | None) -> None:
-        """The rotor has passed an end of sectors: publish those that have samples and certain angles.
-
-        Args:
-            here: The revolution.
-            samples: Its packets so far, decoded; None if there are none.
-        """
+    def _hand_out(self, here: DividedRevolution) -> None:
+        """The rotor has passed an end of sectors: publish those that have samples and certain angles."""
         (end, parts), decoded, sample_ns = here.ends[here.at], here.decoded, here.sample_ns
         here.give(end)
         for count in parts:
@@ -167,7 +157,7 @@ class SectorAssembler(Assembler):
             packet_bytes = here.partial.size / here.packets
             start_ns = earliest_ns(here.first_ns, sample_ns, packet_bytes * self._byte_ns)
             if here.seq is None:
-                here.seq = self._number(here, samples, start_ns)
+                here.seq = self._number(here, decoded.samples, start_ns)
             stamp_ns, gaps = here.placed(done, start_ns)
             duration_ns = round((len(arrays) + sum([skipped for _, skipped in gaps])) * sample_ns)
             sector = made_of(
@@ -273,4 +263,4 @@ class SectorAssembler(Assembler):
         if decoded is not None and scan is not None:
             decoded.lost_behind = scan.lost_packets - decoded.lost
         while here.at < len(here.ends):
-            self._hand_out(here, None)
+            self._hand_out(here)

@@ -96,7 +96,12 @@ def diagnostics(
         ("scans a second", f"{rate:.2f}"),
     ]
     if stats is not None:
-        counters = ("scans", "lost_packets", "broken_scans", "reconnects", "protection_stops")
-        values += [(name.replace("_", " "), str(getattr(stats, name))) for name in counters]
-        values.append(("line", stats.line_trouble or "OK"))
+        values += [
+            ("scans", str(stats.scans)),
+            ("lost packets", str(stats.lost_packets)),
+            ("broken scans", str(stats.broken_scans)),
+            ("reconnects", str(stats.reconnects)),
+            ("protection stops", str(stats.protection_stops)),
+            ("line", stats.line_trouble or "OK"),
+        ]
     return DiagnosticArray(stamp_ns, (DiagnosticStatus(level, name, words, info.serial, tuple(values)),))

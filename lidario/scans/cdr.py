@@ -9,7 +9,7 @@ there before anything is made of it.
 """
 
 import struct
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,9 +117,10 @@ class CdrReader:
         seconds, rest = struct.unpack(f"{self.order}iI", self.take(8, 4))
         return int(seconds) * _SECOND + int(rest)
 
-    def float32s(self, count: int) -> tuple[Any, ...]:
-        """So many ``float32``, one behind the other."""
-        return struct.unpack(f"{self.order}{count}f", self.take(4 * count, 4))
+    def float32(self) -> float:
+        """One ``float32``."""
+        value: float = struct.unpack(f"{self.order}f", self.take(4, 4))[0]
+        return value
 
     def float_sequence(self) -> NDArray[np.float32]:
         """One ``float32[]``; a copy in the byte order of this machine."""

@@ -86,8 +86,19 @@ class LaserScan:
             raise InvalidValue(f"a message is bytes, not {shown(data)}")
         try:
             reader = CdrReader(bytes(data))
-            # In the order of the message, which is that of the fields.
-            told: list[Any] = [reader.stamp_ns(), reader.text(), *reader.float32s(7)]
-            return cls(*told, *(reader.float_sequence() for _ in range(2)))
+            # In the order of the message, which is that of the arguments.
+            return cls(
+                stamp_ns=reader.stamp_ns(),
+                frame_id=reader.text(),
+                angle_min=reader.float32(),
+                angle_max=reader.float32(),
+                angle_increment=reader.float32(),
+                time_increment=reader.float32(),
+                scan_time=reader.float32(),
+                range_min=reader.float32(),
+                range_max=reader.float32(),
+                ranges=reader.float_sequence(),
+                intensities=reader.float_sequence(),
+            )
         except NotCdr:
             return None

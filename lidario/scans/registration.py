@@ -78,7 +78,8 @@ def register(
     fixed, moving = _checked(first, "first"), _checked(second, "second")
     if guess is not None and not isinstance(guess, Mount):
         raise InvalidValue(f"guess is a Mount, not {shown(guess)}")
-    coarse, fine = ([_fence(small_gicp, each, size) for each in (fixed, moving)] for size in (COARSE_M, FINE_M))
+    coarse = _Cloud(small_gicp, fixed, COARSE_M), _Cloud(small_gicp, moving, COARSE_M)
+    fine = _Cloud(small_gicp, fixed, FINE_M), _Cloud(small_gicp, moving, FINE_M)
     turns = [Mount(0.0, 0.0, math.tau * each / HEADINGS) for each in range(HEADINGS)]
     seen, (few, stand_for) = _Seen(small_gicp, fixed), _thinned(moving)
     found = []
@@ -139,19 +140,22 @@ def looseness(first: NDArray[np.floating], second: NDArray[np.floating], found: 
     return max(beside)
 
 
-def _fence(library: Any, xy: _Floats, size: float) -> Any:
-    """A cloud as the library takes it: raised to a fence, thinned, with its surfaces; and its tree."""
-    points = np.column_stack((np.tile(xy, (len(FENCE_M), 1)), np.repeat(FENCE_M, len(xy))))
-    return library.preprocess_points(points, size, NEIGHBORS)
+class _Cloud:
+    """A cloud as the library takes it: raised to a fence, thinned, with its surfaces."""
+
+    def __init__(self, library: Any, xy: _Floats, size: float) -> None:
+        levels = np.repeat(FENCE_M, len(xy))
+        points = np.column_stack((np.tile(xy, (len(FENCE_M), 1)), levels))
+        self.points, self.tree = library.preprocess_points(points, size, NEIGHBORS)
 
 
-def _aligned(library: Any, clouds: list[Any], begin: Mount, far_m: float) -> Mount:
-    (first, tree), (second, _) = clouds
+def _aligned(library: Any, clouds: tuple[_Cloud, _Cloud], begin: Mount, far_m: float) -> Mount:
+    first, second = clouds
     cos, sin = math.cos(begin.yaw), math.sin(begin.yaw)
     pose = np.eye(4)
     pose[:2] = [[cos, -sin, 0.0, begin.x], [sin, cos, 0.0, begin.y]]
     found = library.align(
-        first, second, tree, init_T_target_source=pose,
+        first.points, second.points, first.tree, init_T_target_source=pose,
         registration_type="PLANE_ICP", max_correspondence_distance=far_m, max_iterations=60,
         rotation_epsilon=1e-5, translation_epsilon=1e-5,
     ).T_target_source  # fmt: skip

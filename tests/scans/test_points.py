@@ -49,7 +49,7 @@ def test_a_place_is_of_numbers_that_can_be_meant(made: type[Mount | Velocity], n
 
 
 def test_degrees_are_no_yaw_of_a_mount() -> None:
-    """A quarter of a turn is meant, and 90 radians are 14 turns and 116 degrees."""
+    """A quarter of a turn is meant, and 90 radians are 14.3 turns."""
     with pytest.raises(InvalidValue, match=r"in radians, .* write math.radians\(90\)"):
         Mount(yaw=90)
     assert Velocity(yaw=20).yaw == 20
