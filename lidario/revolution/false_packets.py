@@ -15,7 +15,7 @@ whole turn together, nothing is judged.
 """
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,16 @@ RETREAT_TURNS: Final = 1 / 36
 """How far a heading may tremble back, in turns."""
 
 
+class _Advance(NamedTuple):
+    """How far the rotor turned from each of the latest packets to the next, for as many bytes as a packet has."""
+
+    least: float
+    mean: float
+    # Whole numbers, as headings are: Python compares these with fractions much more slowly.
+    above: int  # an advance that is not odd is above this
+    most: int  # and this at most
+
+
 class FalsePackets:
     """Finds the false packets of one stream.
 
@@ -56,10 +66,8 @@ class FalsePackets:
         self._farthest = wire.full_turn * FARTHEST_TURNS
         self._forwards = wire.full_turn * (1 - RETREAT_TURNS)
         self._last = -1
-        # How far the rotor turned from each of the latest packets to the next, for as many bytes as a packet has;
-        # the least of these advances, and their mean. Neither is known while the mean is 0.
-        self._advances: list[float] = []
-        self._arc = self._mean = 0.0
+        self._advances: list[float] = []  # the latest advances, and perhaps as many before them
+        self._usual: _Advance | None = None  # what they were when they were measured last; None while unknown
         # How much an advance may differ because the speed changes: a part of the largest arc so far, since a change
         # weighs more for a slow rotor. Plus 1, for angles are rounded.
         self._slack = 1.0
@@ -75,10 +83,9 @@ class FalsePackets:
         Then all packets are true; this also holds while the speed changes. None if it does not hold, is not known,
         or bytes were skipped.
         """
-        if not self._mean or skips or self._waiting is not None:
+        if self._usual is None or skips or self._waiting is not None:
             return None
-        # Whole numbers, as headings are: Python compares these with fractions much more slowly.
-        least, most = int(max(0.0, self._arc - self._slack)), int(self._mean + self._slack)
+        _, _, above, most = self._usual
         full_turn, last, passing = self._full_turn, self._last, list[int]()
         if isinstance(headings, np.ndarray):
             plain = headings & HEADING_MASK
@@ -87,7 +94,7 @@ class FalsePackets:
             np.subtract(plain[1:], plain[:-1], out=steps[1:])
             back = (steps < 0).nonzero()[0]
             steps[back] += full_turn
-            if not (np.minimum.reduce(steps) > least and np.maximum.reduce(steps) <= most):
+            if not (np.minimum.reduce(steps) > above and np.maximum.reduce(steps) <= most):
                 return None
             passing, latest = back.tolist(), steps[-MEASURED:].tolist()
         else:
@@ -96,25 +103,28 @@ class FalsePackets:
             begin, latest = len(headings) - MEASURED, list[int]()
             for at, heading in enumerate(headings):
                 advance = heading - last
-                if not least < advance <= most:
+                if not above < advance <= most:
                     heading &= HEADING_MASK
                     advance = (heading - last) % full_turn
                     if heading < last:
                         passing.append(at)
-                    if not least < advance <= most:
+                    if not above < advance <= most:
                         return None
                 if at >= begin:
                     latest.append(advance)
                 last = heading
         self._last = int(headings[-1]) & HEADING_MASK
         self._advances += latest
-        self._measure()
+        if len(self._advances) >= 2 * MEASURED:
+            self._measure()
         return passing
 
     def drop(self, packets: Packets, headings: Headings) -> tuple[Packets, Headings]:
         """The next packets and their headings, without those that are false or wait; perhaps none."""
-        judged = self._can_tell and self.passing(headings, packets.skips) is None
-        if not judged or self._begins(packets, headings) or self._goes_on(packets, headings):
+        if not self._can_tell or self.passing(headings, packets.skips) is not None:
+            return packets, headings
+        self._measure()
+        if self._are_true(packets, headings):
             return packets, headings
         run = packets if (waiting := self.left()) is None else joined([waiting, packets])
         false, waits = self._judge([int(each) & HEADING_MASK for each in self._wire.headings(run)], run.skips)
@@ -134,33 +144,27 @@ class FalsePackets:
         self._stats.waiting_packets -= waiting is not None
         return waiting
 
-    def _begins(self, packets: Packets, headings: Headings) -> bool:
-        """Whether the first packets of a stream give the arc, and all others among these packets fit it.
+    def _are_true(self, packets: Packets, headings: Headings) -> bool:
+        """Whether the first packets show nothing odd, and all others follow them.
 
-        Measured: if each packet of the first 64 KiB is judged, decoding a short file takes up to 1.4 times as long.
+        Only the first one is looked at alone, or as many as give the advance. Measured: if each packet of the first
+        64 KiB is judged, decoding a short file takes up to 1.4 times as long.
         """
-        first, others = headings[: MEASURED + 1], headings[MEASURED + 1 :]
-        if self._mean or not len(others) or packets.skips:
+        if self._waiting is not None or len(packets.skips) != bool(packets.skipped):
+            # Bytes were skipped elsewhere than at the beginning.
             return False
-        before = self._last, self._advances.copy()
-        for heading in first:
-            self._accept(int(heading) & HEADING_MASK, 1.0)
-        if self.passing(others) is not None:
-            return True
-        (self._last, self._advances), self._mean = before, 0.0
-        return False
-
-    def _goes_on(self, packets: Packets, headings: Headings) -> bool:
-        """Whether bytes were skipped at most before the first packet, which fits them, and all others follow it."""
-        if not self._mean or self._waiting is not None or len(packets.skips) != bool(packets.skipped):
-            return False
-        before = self._last, self._advances.copy(), self._arc, self._mean
-        heading, behind = int(headings[0]) & HEADING_MASK, 1 + packets.skipped / self._wire.shortest
-        if not self._is_odd(self._beyond(heading, behind, self._last), behind):
+        before = self._last, self._advances.copy(), self._usual
+        first, behind = MEASURED + 1 if self._usual is None else 1, 1 + packets.skipped / self._wire.shortest
+        for each in headings[:first]:
+            heading = int(each) & HEADING_MASK
+            if self._is_odd(self._beyond(heading, behind, self._last), behind):
+                break
             self._accept(heading, behind)
-            if len(headings) == 1 or self.passing(headings[1:]) is not None:
+            behind = 1.0
+        else:
+            if len(headings) <= first or self.passing(headings[first:]) is not None:
                 return True
-        self._last, self._advances, self._arc, self._mean = before
+        self._last, self._advances, self._usual = before
         return False
 
     def _accept(self, heading: int, behind: float) -> None:
@@ -176,10 +180,11 @@ class FalsePackets:
     def _measure(self) -> None:
         """Find how far the rotor turns, if enough packets have come."""
         latest = self._advances = self._advances[-MEASURED:]
-        self._mean = 0.0
+        self._usual = None
         if len(latest) == MEASURED and max(latest) <= self._farthest:
-            self._arc, self._mean = min(latest), sum(latest) / MEASURED
-            self._slack = max(self._slack, LIKENESS * self._arc + 1)
+            least, mean = min(latest), sum(latest) / MEASURED
+            self._slack = max(self._slack, LIKENESS * least + 1)
+            self._usual = _Advance(least, mean, int(max(0.0, least - self._slack)), int(mean + self._slack))
 
     def _judge(self, headings: Sequence[int], skips: Sequence[tuple[int, int]]) -> tuple[list[int], bool]:
         """Numbers of the false packets, and whether the last one has to wait; the skips are those of `Packets`."""
@@ -199,7 +204,7 @@ class FalsePackets:
                 missing = self._beyond(headings[at + 1], third, self._last)
                 is_alone = self._is_odd(self._beyond(headings[at + 1], between, heading), between)
                 is_alone = is_alone and 2 * missing < min(beyond, self._full_turn - beyond)
-                if is_alone and third * self._arc < self._full_turn:
+                if is_alone and third * self._least < self._full_turn:
                     false.append(at)
                     continue
             self._accept(heading, behind)
@@ -208,11 +213,16 @@ class FalsePackets:
 
     def _is_odd(self, beyond: float, behind: float) -> bool:
         """Whether a packet that is so far `beyond` as many arcs as packets `behind` may be false."""
-        return self._mean > 0 and beyond > behind * (self._mean - self._arc) + self._slack
+        usual = self._usual
+        return usual is not None and beyond > behind * (usual.mean - usual.least) + self._slack
 
     def _beyond(self, heading: int, behind: float, last: int) -> float:
-        """How much farther than `behind` arcs the rotor turned since the heading `last`; hardly below 0."""
-        return (heading - last - behind * self._arc + self._slack) % self._full_turn - self._slack
+        """How much farther the rotor turned since `last` than `behind` least advances; hardly below 0."""
+        return (heading - last - behind * self._least + self._slack) % self._full_turn - self._slack
+
+    @property
+    def _least(self) -> float:
+        return 0.0 if self._usual is None else self._usual.least
 
     def _part(self, packets: Packets, begin: int, end: int) -> Packets:
         return part_of(packets, begin, end, packet_offsets(packets.blocks), self._wire, self._sample_ns)

@@ -33,11 +33,13 @@ _READS: Final = 3
 class _Line(NamedTuple):
     """How late a line is, by the reads so far."""
 
-    at_ns: int  # time of the last read
-    late_ns: float = 0.0  # how late that read was
+    late_ns: float = 0.0  # how late the last read was
     stayed: int = 0  # reads since then that brought it no nearer to being on time
     stayed_ns: float = 0.0  # for how long that has been so
     most_ns: float = 0.0  # how late it was at most meanwhile
+
+
+_ON_TIME: Final = _Line()
 
 
 class _Wait(NamedTuple):
@@ -46,6 +48,7 @@ class _Wait(NamedTuple):
     read: int  # number of the first read that waits
     packets: int  # how many packets came before it
     before: _Line  # the line before it
+    before_ns: int  # time of the read before it
 
 
 class Pauses:
@@ -60,7 +63,9 @@ class Pauses:
         self._wire, self._stats = stream.format, stats
         self._samples_a_byte = self._wire.samples_in((Block(self._wire.longest, 1),)) / self._wire.longest
         self._most_ns = stream.most_ns
-        self._line: _Line | None = None  # without the packets that wait
+        # The line, and the time of the last read, without the packets that wait.
+        self._line = _ON_TIME
+        self._read_ns: int | None = None
         self._waiting: Packets | None = None
 
     def take(self, event: Packets, sample_ns: float, turn_ns: float) -> Packets | None:
@@ -75,32 +80,33 @@ class Pauses:
         if self._waiting is not None:
             run, least = joined([self._waiting, event]), NOISE
             self.left()
-        line, self._line = self._line, _Line(run.arrivals[-1][1])
-        if line is None or not (sample_ns and turn_ns):
+        line, self._line = self._line, _ON_TIME
+        last_ns, self._read_ns = self._read_ns, run.arrivals[-1][1]
+        if last_ns is None or not (sample_ns and turn_ns):
             return run
-        if not line.late_ns and not self._is_late(run, line.at_ns, sample_ns, NOISE * turn_ns):
+        if not line.late_ns and not self._is_late(run, last_ns, sample_ns, NOISE * turn_ns):
             return run
         arrivals, done, wait = [*run.arrivals], 0, None
         for read, (complete, at_ns) in enumerate(run.arrivals):
-            before, silent_ns = line, at_ns - line.at_ns
+            before, silent_ns = line, at_ns - last_ns
             if silent_ns > self._most_ns:
                 # After so long a silence the revolution is given up.
-                line, wait = _Line(at_ns), None
+                line, wait = _ON_TIME, None
             elif line.late_ns or silent_ns >= NOISE * turn_ns:
-                line = _behind(line, at_ns, self._measured(run, done, complete) * sample_ns, turn_ns)
+                line = _behind(line, silent_ns, self._measured(run, done, complete) * sample_ns, turn_ns)
             else:
-                line = _Line(at_ns)
+                line = _ON_TIME
             has_stayed = line.stayed_ns >= STAYED_LATE * turn_ns and line.stayed >= _READS
             if line.late_ns >= (LATE if has_stayed else least) * turn_ns:
                 # What waits, waits until the line has caught up: the rotor may have become faster meanwhile.
-                wait, least = wait or _Wait(read, done, before), NOISE
+                wait, least = wait or _Wait(read, done, before, last_ns), NOISE
             elif wait is not None:
                 self._date(arrivals, wait, read, run.blocks, sample_ns)
                 wait = None
             if has_stayed:
                 # It was an outage, or a delay too small to matter.
-                line, wait = _Line(at_ns), None
-            done = complete
+                line, wait = _ON_TIME, None
+            done, last_ns = complete, at_ns
         self._line = line
         if (dated := tuple(arrivals)) != run.arrivals:
             run = replace(run, arrivals=dated)
@@ -108,6 +114,8 @@ class Pauses:
 
     def _is_late(self, run: Packets, at_ns: int, sample_ns: float, noise_ns: float) -> bool:
         """Whether a silence is longer, by more than noise, than it took to measure the packets read after it."""
+        if run.arrivals[-1][1] - at_ns < noise_ns:
+            return False
         packet_ns, done = self._wire.samples_in(run.blocks) * sample_ns / run.count, 0
         for complete, come_ns in run.arrivals:
             if come_ns - at_ns - (complete - done) * packet_ns >= noise_ns:
@@ -123,7 +131,7 @@ class Pauses:
 
     def _wait(self, run: Packets, wait: _Wait, sample_ns: float) -> Packets | None:
         """Keep the packets that wait; returns those before them."""
-        self._line = wait.before
+        self._line, self._read_ns = wait.before, wait.before_ns
         self._stats.waiting_packets += run.count - wait.packets
         if not wait.packets:
             self._waiting = run
@@ -138,7 +146,7 @@ class Pauses:
         for read in range(last, wait.read, -1):
             (before, at_ns), (complete, behind_ns) = arrivals[read - 1], arrivals[read]
             measured_ns = behind_ns - round(self._samples(blocks, before, complete) * sample_ns)
-            arrivals[read - 1] = before, max(wait.before.at_ns, min(at_ns, measured_ns))
+            arrivals[read - 1] = before, max(wait.before_ns, min(at_ns, measured_ns))
 
     def _measured(self, run: Packets, begin: int, end: int) -> float:
         """Samples of these packets, and about how many were in the skipped bytes: those took time, too."""
@@ -149,9 +157,9 @@ class Pauses:
         return self._wire.samples_in(some_blocks(blocks, begin, end))
 
 
-def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
-    """How late a line is after the next read, whose packets took `came_ns` to measure."""
-    silent_ns, noise_ns = at_ns - line.at_ns, NOISE * turn_ns
+def _behind(line: _Line, silent_ns: int, came_ns: float, turn_ns: float) -> _Line:
+    """How late a line is after a silence and the next read, whose packets took `came_ns` to measure."""
+    noise_ns = NOISE * turn_ns
     later_ns = silent_ns - came_ns
     if silent_ns < noise_ns:
         # The line was not silent: what has not come is missing.
@@ -159,8 +167,8 @@ def _behind(line: _Line, at_ns: int, came_ns: float, turn_ns: float) -> _Line:
     late_ns = max(0.0, line.late_ns + later_ns)
     if not line.late_ns and late_ns < noise_ns:
         # That little is noise: adapters hold bytes back for some milliseconds.
-        return _Line(at_ns)
+        return _ON_TIME
     if line.late_ns < LATE * turn_ns <= late_ns or not line.late_ns or late_ns <= line.most_ns - noise_ns:
         # Count anew: it has become late, so late that packets wait, or it is catching up.
-        return _Line(at_ns, late_ns, most_ns=late_ns)
-    return _Line(at_ns, late_ns, line.stayed + 1, line.stayed_ns + silent_ns, max(late_ns, line.most_ns))
+        return _Line(late_ns, most_ns=late_ns)
+    return _Line(late_ns, line.stayed + 1, line.stayed_ns + silent_ns, max(late_ns, line.most_ns))

@@ -78,7 +78,8 @@ class Link:
                 has arrived with the read that completed it.
         """
         self.stats.bytes_received += len(data)
-        self._arrivals += [(self.fed + size, at_ns) for size, at_ns in arrivals]
+        if arrivals:
+            self._arrivals += [(self.fed + size, at_ns) for size, at_ns in arrivals]
         view = memoryview(data)
         for start in range(0, len(view), self._slice_size):
             piece = view[start : start + self._slice_size]
