@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 
-from lidario.families.spans import Arcs, Ints, Turning
+from lidario.families.spans import Ints, Turning
 from lidario.wire.copies import copy_of
 from lidario.wire.events import Arrival
 
@@ -158,9 +158,9 @@ class PacedTurning(Turning):
         # Nanoseconds of a packet; 0 if unknown, and then time proves nothing.
         self._packet_ns, self._time_passes = 0.0, True
         self._certain = self._confirmed = False  # whether a speed is known, and whether time confirms it
-        self._strange = 0  # how many spans in a row have not fitted that speed
-        # While it was not confirmed: how far the rotor turned, and for how many packets this was taken.
-        self._turned = self._told = 0
+        # How many spans in a row have not fitted that speed; and how many packets were reported to follow each
+        # other while time could still disprove it.
+        self._strange = self._close = 0
         self._pace = Pace(full_turn)
 
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:
@@ -186,29 +186,17 @@ class PacedTurning(Turning):
         (before, first_ns), (came, last_ns) = arrivals[0], arrivals[-1]
         return (last_ns - first_ns) / self._packet_ns >= max(_FEWEST, SEVERAL * (came - before))
 
-    def _noted(self, spans: Ints, arcs: Arcs) -> Arcs:
-        """The same arcs; takes note of how far the rotor turned, and for how many packets this was taken.
+    def _note_close(self, packets: int) -> None:
+        """Count packets that are reported to follow each other, while the rotor turned: else no speed tells it."""
+        self._close = 0 if self._confirmed else self._close + packets
 
-        While the rotor stands, no speed tells how many are missing. In half a turn, noise may pass for a packet.
-        """
-        if self._confirmed:
-            self._turned = self._told = 0
-            return arcs
-        near = (spans > 0) & (2 * spans < self._full_turn)
-        self._turned += int(spans[near].sum())
-        self._told += int(np.count_nonzero(near))
-        if arcs.skipped is not None:
-            self._told += int(arcs.skipped[: len(spans)][near].sum()) // self._samples
-        return arcs
-
-    def _revoked(self, before: float, arc: float) -> tuple[int, int]:
-        """What to revoke, as `Arcs.revoked`, if the arc `before`, or none if that is 0, turns out to be `arc`."""
-        each = max(0, round(before / arc) - 1)
-        if before and not each:
+    def _revoked(self, times: float) -> tuple[int, int]:
+        """What to revoke, as `Arcs.revoked`, if arcs were taken as `times` their true length."""
+        missing = round(times) - 1
+        if missing < 1:
             return 0, 0
-        late = max(0, round(self._turned / arc) - self._told)
-        self._turned = self._told = 0
-        return each, late
+        close, self._close = self._close, 0
+        return missing, close
 
     def copy(self) -> Self:
         twin = copy_of(self)

@@ -58,7 +58,7 @@ class Samples:
     @property
     def is_steady(self) -> bool:
         """Whether the speed is known, nothing is missing in or before these samples, and all take the same time."""
-        odd = self.lost or any(self.revoked) or self.sample_ns or not (self.certain and self.fits)
+        odd = self.lost or self.revoked[0] or self.sample_ns or not (self.certain and self.fits)
         return not odd and self.revolutions[-1].samples > 0
 
 

@@ -53,9 +53,9 @@ class Arcs(NamedTuple):
     # last one.
     step: float
     certain: bool  # whether the speed is sure
-    # A correction of earlier results, because of what is known now: ``(behind, late)``. So many packets are missing
-    # `behind` the last one before, whose samples are not to be used; nothing is wrong with them if 0. And so many
-    # were missing before these packets, and are only told now.
+    # A correction of earlier results, because of what time shows now: ``(missing, packets)``, so many packets are
+    # missing behind each of the last `packets`, which were reported to follow each other. ``(1, 0)``: only the
+    # samples of the last packet before are not to be used.
     revoked: tuple[int, int] = (0, 0)
     # Whether each span is a whole number of arcs, as far as it shows that; if one is not, a turn may hide in it.
     fits: bool = True

@@ -88,17 +88,18 @@ class Wheel(PacedTurning):
         self._spans: list[int] = []  # spans since the speed was last confirmed
 
     def follow(self, heads: Heads, arrivals: Sequence[Arrival] = ()) -> Arcs:
-        before, was_certain, followed = self._arc, self._certain, heads.following is not None
-        found = spans_between(heads, self._full_turn, self._retreat)
-        arcs = self._follow(*found, arrivals, followed=followed)
+        before, was_certain = self._arc, self._certain
+        arcs = self._follow(heads, arrivals)
         if self._certain and arcs.arc[0] > 0 and not (was_certain or any(arcs.revoked)):
             # A rotor slows down from packet to packet. If the arc leaps, the arcs before were gaps.
-            arcs = arcs._replace(revoked=self._revoked(before, float(arcs.arc[0])))
-        return self._noted(found[0] if followed else found[0][:-1], arcs)
+            arcs = arcs._replace(revoked=self._revoked(before / float(arcs.arc[0])))
+        if arcs.skipped is None and self._fits:
+            self._note_close(int(np.count_nonzero(arcs.arc)) - (heads.following is None))
+        return arcs
 
-    def _follow(
-        self, spans: Ints, shortest: int, longest: int, total: int, arrivals: Sequence[Arrival], *, followed: bool
-    ) -> Arcs:
+    def _follow(self, heads: Heads, arrivals: Sequence[Arrival]) -> Arcs:
+        followed = heads.following is not None
+        spans, shortest, longest, total = spans_between(heads, self._full_turn, self._retreat)
         known = spans if followed else spans[:-1]
         is_alike = self._certain and are_alike(self._arc, shortest, longest)
         if is_alike or (self._is_steady(known, longest) and not self._lacks_packets(arrivals)):
@@ -131,13 +132,13 @@ class Wheel(PacedTurning):
             steps.append(total / (end - begin) / self._samples)
             begin = end
         self._arc, self._fastest, self._strange, self._fits = before, float(longest), 0, True
-        arcs = Arcs(spans, None, steps[-1], certain=True, steps=steps)
         if not self._confirmed:
             self._remember(spans.tolist(), arrivals)
             self._is_confirmed()
-            return self._noted(spans, arcs)
-        self._forget()
-        return arcs
+            self._note_close(len(spans))
+        else:
+            self._forget()
+        return Arcs(spans, None, steps[-1], certain=True, steps=steps)
 
     def _is_steady(self, spans: Ints, longest: int) -> bool:
         """Whether each span is one arc, hardly longer than the last. If no arc is known, the rotor must turn."""
@@ -314,7 +315,7 @@ class Wheel(PacedTurning):
                 if anew or abs(arc - before) > LIKENESS * max(arc, before):
                     self._take(arc, sure=True)
                 self._confirmed = nearly_all_came or max(by_time) < SEVERAL or whole > 1
-                return self._revoked(before, self._arc) if whole > 1 else nothing
+                return self._revoked(before / self._arc) if whole > 1 else nothing
             if not self._confirmed:
                 self._certain = False
             return nothing

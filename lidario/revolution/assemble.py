@@ -261,9 +261,9 @@ class Assembler(SteadyAssembler):
         here = SampleArrays(samples.angle_deg, samples.distance_mm, samples.intensity)
         if carried is not None:
             here.begin_with(carried)
-        each, late = samples.revoked
-        self.stats.lost_packets += late
-        if each and late:
+        each, close = samples.revoked
+        if each and close:
+            self.stats.lost_packets += each * close
             self._clock.forget_speed()
         if each and carried is not None:
             # The packet at its beginning was stretched over a gap, so its samples are not used.

@@ -99,7 +99,8 @@ class NodeSteps(PacedTurning):
             self._typical, self._certain, self._strange = total / count, True, 0
             times = self._corrected(spans, arrivals, 1.0)
             if times == 1:
-                return self._noted(spans[:count], Arcs(spans, None, total / count, certain=True))
+                self._note_close(count)
+                return Arcs(spans, None, total / count, certain=True)
             steps, missing = self._walk(spans, followed=followed)
         else:
             before = self._typical
@@ -115,13 +116,12 @@ class NodeSteps(PacedTurning):
                 # Time says nothing, so the steps are believed; it may correct them when it tells more.
                 self._typical, self._confirmed = before, False
                 steps, missing = self._walk(spans, followed=followed, anew=True)
+            elif not missing.any():
+                self._note_close(count)
         skipped = missing if missing.any() else None
         # If the rotor stood all the time, nodes show no step: keep the last one.
         step = float(steps.mean()) or self._typical
-        revoked = self._revoked(times * self._typical, self._typical) if times > 1 else (0, 0)
-        arcs = Arcs(spans, skipped, step, self._certain, revoked)
-        # Time disproves only what was told to follow each other.
-        return arcs if missing.any() else self._noted(spans[:count], arcs)
+        return Arcs(spans, skipped, step, self._certain, self._revoked(times))
 
     def follow_several(
         self,
