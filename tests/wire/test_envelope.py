@@ -8,7 +8,7 @@ from lidario.families.rplidar import commands as rplidar
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.ydlidar import commands as ydlidar
 from lidario.families.ydlidar.formats import PointCloud
-from lidario.wire.envelope import Expected, Request, encode_request, parse_descriptor, xor_bytes
+from lidario.wire.envelope import Expected, Lines, Request, encode_request, find_lines, parse_descriptor, xor_bytes
 from lidario.wire.events import Descriptor
 
 DENSE = FORMATS[0x85]
@@ -129,6 +129,23 @@ def test_type_and_mode_must_be_those_expected() -> None:
     assert not question(Expected(4, 0)).admits(Descriptor(4, 1, continuous=False))
     assert question(Expected(0x81, 5, continuous=True)).admits(Descriptor(0x81, 5, continuous=True))
     assert not question(Expected(0x81, 5, continuous=True)).admits(Descriptor(0x81, 5, continuous=False))
+
+
+@pytest.mark.parametrize("stray", [b"", b"99b\n", b"VV\n" + b"#" * 60 + b"\n"])
+def test_lines_are_waited_for_and_found_behind_anything(stray: bytes) -> None:
+    """A response of SCIP 2: the echo of the request, lines of text, and an empty line."""
+    expected = Expected(0, 0, largest=40, prefix=b"VV\n", lines=True)
+    response = b"VV\n00P\nVEND:x;y\n\n"
+    for end in range(3, len(response)):
+        assert find_lines(bytearray(stray + response[:end]), expected) == Lines(len(stray))
+    found = find_lines(bytearray(stray + response + b"VV"), expected)
+    assert found == Lines(len(stray), len(response), b"00P\nVEND:x;y")
+
+
+def test_lines_without_an_end_are_not_waited_for() -> None:
+    expected = Expected(0, 0, largest=40, prefix=b"VV\n", lines=True)
+    assert find_lines(bytearray(b"VV\n" + b"#" * 37), expected) == Lines(0)
+    assert find_lines(bytearray(b"VV\n" + b"#" * 38), expected) == Lines(38)
 
 
 @pytest.mark.parametrize("kind", sorted(FORMATS))

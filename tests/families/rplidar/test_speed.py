@@ -10,7 +10,7 @@ import pytest
 
 from lidario import ConnectFailed, InvalidValue, ResponseTimeout, Unsupported, open_lidar
 from lidario.families.rplidar.commands import GET_HEALTH, STOP
-from lidario.families.rplidar.speed import confirm
+from lidario.families.rplidar.speed import MeasuredSpeed, confirm
 from lidario.port.port import Port
 from lidario.session.talking.readiness import UNCONFIRMED_S
 from tests.support.cable import cable_to
@@ -50,6 +50,15 @@ def test_an_unconfirmed_speed_is_given_up_by_the_device() -> None:
     assert rig.device.baudrate == 256_000
     rig.device.transmit(2_000_000_000)
     assert rig.device.baudrate == 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("told", "is_near"), [(243_200, True), (268_800, True), (243_199, False), (268_801, False)]
+)
+def test_a_measured_speed_may_be_off_by_what_a_line_tolerates(told: int, is_near: bool) -> None:
+    """5 %, the error that a receiver of ten bits stands."""
+    response = bytearray(told.to_bytes(4, "little"))
+    assert MeasuredSpeed(256_000).intact(response, 0, 4) is is_near
 
 
 @pytest.mark.parametrize("how", ["too slow", "other bytes", "scanning"])
