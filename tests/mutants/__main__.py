@@ -200,7 +200,7 @@ def _judge(copy: Path, place: Place, stages: list[list[str]]) -> Verdict:
 
 def _run(copy: Path, tests: list[str]) -> str:
     """Run tests in a copy: the first that fails, or why else it ended; empty where all pass."""
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={_TEST_S}"]
+    options = ["-x", "-q", "--long", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={_TEST_S}"]
     options += ["-o", "faulthandler_exit_on_timeout=true"]
     options += [f"--ignore={module}" for module in _ABOUT_TEXT_MODULES]
     with tempfile.TemporaryFile() as output, tempfile.NamedTemporaryFile("w", suffix=".txt") as named:

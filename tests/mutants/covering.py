@@ -1,6 +1,6 @@
 """Which tests run a line: only they can notice a change of it.
 
-The database is what ``pytest -n 2 --cov --cov-context=test --cov-report=`` writes.
+The database is what ``pytest -n 2 --long --cov --cov-context=test --cov-report=`` writes.
 """
 
 from __future__ import annotations

@@ -53,7 +53,6 @@ class StreamControl:
         hub.on_parts = self._divide
         self._loop = asyncio.get_running_loop()
         self.running: Running | None = None  # the stream that runs, if one does
-        at.dialogue.on_still = self._still
 
     @property
     def is_scanning(self) -> bool:
@@ -86,7 +85,7 @@ class StreamControl:
 
     def want(self) -> None:
         """A reader wants scans: the stream is to be started, unless it is wanted already."""
-        if self.state in (State.IDLE, State.STOPPING, State.AWAY):
+        if self.state in (State.IDLE, State.AWAY):
             self.ran = False
             self.go(Event.WANT)
 
@@ -164,8 +163,6 @@ class StreamControl:
         if self.starting:
             self._at.dialogue.interrupt(NotWanted("the stream is not wanted any more"))
         self._at.dialogue.stop_device()
-        if self._at.dialogue.stopper.still:
-            self._still()
 
     def rest(self) -> None:
         """The stream runs no more; the device is not told."""
@@ -187,7 +184,6 @@ class StreamControl:
         self.failure = None
         self.rest()
         self.leave_off()
-        self._at.dialogue.on_still = None
         # Where the line still works, those who wait for a response must not wait for a device that is being left.
         lost = error if isinstance(error, DeviceLost) else DeviceLost(f"the line to the lidar is given up: {error}")
         if lost is not error:
@@ -196,7 +192,6 @@ class StreamControl:
 
     def adopt(self) -> None:
         """There is a new line to the device: it is stopped, or a stream is to be started where one is wanted."""
-        self._at.dialogue.on_still = self._still
         self.go(Event.RETURN)
         if not self.is_scanning:
             self._at.dialogue.stop_device()
@@ -204,7 +199,3 @@ class StreamControl:
     def _divide(self) -> None:
         if self.running is not None:
             self.running.divide()
-
-    def _still(self) -> None:
-        if self.state is State.STOPPING:
-            self.go(Event.STILL)

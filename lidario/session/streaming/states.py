@@ -15,7 +15,6 @@ class State(Enum):
     IDLE = "idle"
     STARTING = "starting"
     RUNNING = "running"
-    STOPPING = "stopping"
     AWAY = "away"
     AWAITED = "awaited"
     CLOSED = "closed"
@@ -28,7 +27,6 @@ class Event(Enum):
     STARTED = "the device has announced its packets"
     INTERRUPT = "the device is asked something"
     UNWANT = "nobody wants scans any more"
-    STILL = "the device is seen still"
     LOSE = "the line to the device is no good any more"
     RETURN = "there is a new line to the device"
     CLOSE = "the session ends"
@@ -37,16 +35,9 @@ class Event(Enum):
 _S, _E = State, Event
 
 TRANSITIONS: Final[dict[State, dict[Event, State]]] = {
-    _S.IDLE: {_E.WANT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAY, _E.CLOSE: _S.CLOSED},
-    _S.STARTING: {_E.STARTED: _S.RUNNING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
-    _S.RUNNING: {_E.INTERRUPT: _S.STARTING, _E.UNWANT: _S.STOPPING, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
-    _S.STOPPING: {
-        _E.STILL: _S.IDLE,
-        _E.WANT: _S.STARTING,
-        _E.UNWANT: _S.STOPPING,
-        _E.LOSE: _S.AWAY,
-        _E.CLOSE: _S.CLOSED,
-    },
+    _S.IDLE: {_E.WANT: _S.STARTING, _E.UNWANT: _S.IDLE, _E.LOSE: _S.AWAY, _E.CLOSE: _S.CLOSED},
+    _S.STARTING: {_E.STARTED: _S.RUNNING, _E.UNWANT: _S.IDLE, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
+    _S.RUNNING: {_E.INTERRUPT: _S.STARTING, _E.UNWANT: _S.IDLE, _E.LOSE: _S.AWAITED, _E.CLOSE: _S.CLOSED},
     _S.AWAY: {_E.WANT: _S.AWAITED, _E.UNWANT: _S.AWAY, _E.RETURN: _S.IDLE, _E.CLOSE: _S.CLOSED},
     _S.AWAITED: {_E.UNWANT: _S.AWAY, _E.RETURN: _S.STARTING, _E.CLOSE: _S.CLOSED},
     _S.CLOSED: {_E.CLOSE: _S.CLOSED},

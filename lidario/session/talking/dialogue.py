@@ -42,7 +42,6 @@ class Dialogue(Intake, Waiting):
         self.timing: Timing = timing  # how long the device takes for what
         # Called once, with the error, when the dialogue is over for good before it was closed.
         self.on_lost: Callable[[LidarError], None] | None = None
-        self.on_still: Callable[[], None] | None = None  # called each time the device is seen still
         self.protection_stops: int = 0  # times the device was found to have stopped to protect itself
         # When the device was told to restart, on the loop's clock; None if it has responded since. A device that
         # boots discards what it is sent.
@@ -276,8 +275,6 @@ class Dialogue(Intake, Waiting):
         self.link.forget()
         if still:
             self.link.drained()
-            if self.on_still is not None:
-                self.on_still()
         self.wake(Awaited.CHANGE)
 
     def write(self, requests: Sequence[Request]) -> None:
