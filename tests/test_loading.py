@@ -74,6 +74,25 @@ def test_an_open_lidar_scans_stops_and_closes_without_importing_anything() -> No
     assert (done.returncode, done.stdout) == (0, "[]\n"), done.stderr
 
 
+RUN = """
+import sys
+import lidario
+
+async def main():
+    before = set(sys.modules)
+    lidario.open_lidar("/dev/ttyUSB0")
+    print(sorted(set(sys.modules) - before))
+
+lidario.run(main())
+"""
+
+
+def test_what_a_program_opens_a_lidar_with_is_loaded_before_its_event_loop_runs() -> None:
+    """That takes some tenths of a second, in which no task of a robot would go on."""
+    done = ended(RUN)
+    assert (done.returncode, done.stdout) == (0, "[]\n"), done.stderr
+
+
 def test_an_import_that_fails_fails_as_always(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "numpy")
     with pytest.raises(ModuleNotFoundError, match=r"lidario\.nothing"):

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 from lidario.basics.arguments import shown, yes_or_no
 from lidario.errors import InvalidValue, LocalProtocolError
+from lidario.loading import load
 from lidario.port.forked import let_go_in_children
 
 T = TypeVar("T")
@@ -68,6 +69,8 @@ def run(main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
         return await main
 
     try:
+        # What opens a lidar takes some tenths of a second to load: not while the other tasks of `main` wait.
+        load("lidario.session.opening")
         with asyncio.Runner(debug=debug) as runner:
             return runner.run(guarded())
     except asyncio.CancelledError:
