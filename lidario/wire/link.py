@@ -47,6 +47,7 @@ class Link:
         self.state: LinkState = LinkState.IDLE  # what arriving bytes mean at the moment
         self.stats: LinkStats = LinkStats()  # running totals
         self._slice_size = slice_size
+        # Replaced, and never resized: a profiler or hook that keeps frames may hold views of it.
         self._buffer = bytearray()
         self._events: list[Event] = []
         self._pending: Request | None = None
@@ -87,7 +88,6 @@ class Link:
             if len(self._buffer) + len(piece) > 2 * self._slice_size:
                 # A mistake in the parser shows here, and not as growing memory.
                 raise OverflowError(f"{len(piece)} bytes do not fit behind {self.buffered} that nobody took")
-            # A new buffer, for the reason in `_drop`.
             self._buffer = self._buffer + piece
             if self.state is _AWAIT_RESPONSE:
                 self._await_response()
@@ -223,14 +223,14 @@ class Link:
                 self._heard += bytes(data[at:middle])
                 self._heard_packets += sum(packets for _, packets in blocks)
                 if self._heard_packets >= request.packets:
-                    self._drop(at)
+                    self._buffer = self._buffer[at:]
                     self._unasked = True
                     self._take_response(Response(self._heard), middle - at)
                     return
                 self.stats.response_bytes += middle - at
             self.stats.stray_bytes += end - middle
             at = end
-        self._drop(at)
+        self._buffer = self._buffer[at:]
 
     def _take_response(self, event: Response | Descriptor, size: int) -> None:
         """The first `size` bytes of the buffer are the response, or announce the stream that was asked for."""
@@ -238,7 +238,7 @@ class Link:
             self.stats.late_responses += 1
         else:
             self._events.append(event)
-        self._drop(size)
+        self._buffer = self._buffer[size:]
         self.stats.response_bytes += size
         self._end_waiting()
 
@@ -307,7 +307,7 @@ class Link:
                 self._skip(wire, data, middle, end)
             at = end
         if at:
-            self._buffer = data[at:]  # as in `_drop`
+            self._buffer = data[at:]
 
     def _skip(self, wire: StreamFormat, data: bytearray, start: int, end: int) -> None:
         if (wire.self_evident or not self._noise) and wire.other_record(data, start) == end - start:
@@ -319,9 +319,4 @@ class Link:
 
     def _stray(self, size: int) -> None:
         self.stats.stray_bytes += size
-        self._drop(size)
-
-    def _drop(self, size: int) -> None:
-        """Remove the first `size` bytes, which are parsed, from the buffer."""
-        # The buffer is replaced, not resized: a profiler or hook that keeps frames may hold views of it.
         self._buffer = self._buffer[size:]
