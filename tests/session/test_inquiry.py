@@ -79,19 +79,6 @@ async def test_a_second_protection_stop_within_a_minute_is_raised(rig: Rig) -> N
         assert lidar.stats.protection_stops == 3
 
 
-@pytest.mark.long
-async def test_after_a_while_a_protection_stop_is_cured_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidario.session.streaming.failures.PERIOD_S", 5.0)
-    async with rig.open() as lidar, lidar.scans() as stream:
-        for count in (1, 2):
-            await anext(stream)
-            rig.device.protection_stop(CODE)
-            began = now()
-            while now() - began < 6.0:
-                await anext(stream)
-            assert lidar.stats.protection_stops == lidar.stats.restarts == count
-
-
 async def test_a_fault_that_stays_ends_the_stream_with_its_code_and_the_next_start_at_once(rig: Rig) -> None:
     """The next opening, too."""
     rig.device.faults_cleared_by_reset = False
@@ -166,17 +153,24 @@ async def test_a_well_device_that_falls_silent_is_restarted(rig: Rig, caplog: py
         assert await lidar.scan()
 
 
-async def test_after_a_while_a_well_device_is_restarted_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fourth time, where the first is long ago, and the second and the third are not."""
+@pytest.mark.parametrize(("protected", "pauses_s"), [(False, (6.0, 1.0, 1.0, 1.0)), (True, (6.0, 6.0))])
+async def test_after_a_while_it_is_started_again(
+    rig: Rig, protected: bool, pauses_s: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A well device a fourth time, where the first is long ago, and the second and the third are not."""
     monkeypatch.setattr("lidario.session.streaming.failures.PERIOD_S", 5.0)
     async with rig.open() as lidar, lidar.scans() as stream:
-        for count in (1, 2, 3, 4):
+        for count, pause_s in enumerate(pauses_s, 1):
             await anext(stream)
-            fall_silent(rig)
+            if protected:
+                rig.device.protection_stop(CODE)
+            else:
+                fall_silent(rig)
             began = now()
-            while now() - began < (6.0 if count == 1 else 1.0):
+            while now() - began < pause_s:
                 await anext(stream)
             assert lidar.stats.restarts == count
+            assert lidar.stats.protection_stops == count * protected
 
 
 async def test_a_dead_device_is_told_of_within_a_second(rig: Rig) -> None:

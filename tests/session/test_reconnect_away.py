@@ -13,7 +13,7 @@ from lidario.basics.source import Source
 from lidario.session.finding.discovery import PortInfo
 from lidario.session.finding.places import Places
 from lidario.session.talking.dialogue import Dialogue
-from tests.support.cable import cable_to, next_after, on_a_cable
+from tests.support.cable import next_after, on_a_cable
 from tests.support.devices import Rig, both_families, end_of, left_still, make_rig, scanning, take
 from tests.support.loop import now, now_ns
 from tests.support.times import takes
@@ -166,13 +166,6 @@ async def test_stop_while_it_is_away(family: str, returns: bool) -> None:
             assert len(await take(lidar, 2)) == 2
 
 
-async def test_the_first_opening_fails_as_without_it(rplidar: Rig) -> None:
-    with cable_to(rplidar) as cable:
-        cable.pull()
-        with pytest.raises(LidarError, match="no such port"):
-            await rplidar.open(reconnect=True)
-
-
 async def test_a_mistake_of_ours_ends_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
     rplidar = make_rig("rplidar")
     async with on_a_cable(rplidar) as (cable, lidar):
@@ -198,36 +191,27 @@ def test_a_policy_that_cannot_be_right_is_refused(wrong: dict[str, Any]) -> None
         Reconnect(**wrong)
 
 
-async def test_what_happens_is_logged_once(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("whys", [("no such port",), ("no such port", "it is busy")])
+async def test_what_happens_is_logged_once(
+    rplidar: Rig, whys: tuple[str, ...], caplog: pytest.LogCaptureFixture
+) -> None:
+    """And each reason, where these take turns: the device may be in two places, and is in neither."""
     # Which is what a program shows that does nothing about its log.
     caplog.set_level(logging.WARNING, "lidario")
     async with on_a_cable(rplidar) as (cable, lidar):
-        cable.pull()
-        await asyncio.sleep(60.0)
-        assert not lidar.is_connected
-        cable.plug()
-        await asyncio.sleep(3.0)
-    told = [each.message for each in caplog.records]
-    assert [message.partition(":")[0] for message in told] == [
-        "the line to the lidar is lost, and the session comes back",
-        "the lidar is not back yet",
-        told[-1],
-    ]
-    assert "is back on memory, after 6" in told[-1]
-
-
-async def test_reasons_that_take_turns_are_logged_once_each(rplidar: Rig, caplog: pytest.LogCaptureFixture) -> None:
-    """As where the device may be in two places, and is in neither."""
-    caplog.set_level(logging.WARNING, "lidario")
-    async with on_a_cable(rplidar) as (cable, _):
-        cable.whys = ("no such port", "it is busy")
-        for away in (1, 2):
+        cable.whys = whys
+        for _ in range(2):
+            caplog.clear()
             cable.pull()
             await asyncio.sleep(60.0)
+            assert not lidar.is_connected
             cable.plug()
             await asyncio.sleep(3.0)
-            told = [each.message.rpartition(": ")[2] for each in caplog.records if "not back" in each.message]
-            assert sorted(told) == sorted(away * cable.whys)
+            lost, *reasons, back = caplog.messages
+            assert lost.startswith("the line to the lidar is lost, and the session comes back:")
+            assert all(reason.startswith("the lidar is not back yet:") for reason in reasons)
+            assert sorted(reason.rpartition(": ")[2] for reason in reasons) == sorted(whys)
+            assert "is back on memory, after 6" in back
 
 
 async def test_a_question_on_the_new_line_ends_at_once_when_the_session_is_closed(rig: Rig) -> None:

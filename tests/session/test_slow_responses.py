@@ -26,7 +26,7 @@ from tests.session.test_two_tasks import (
 )
 from tests.support.devices import SWITCHED, Rig, both_families, is_off, leave_streaming, left_still, make_rig, names
 from tests.support.loop import at_each, now_ns
-from tests.support.times import cancelled, takes
+from tests.support.times import takes
 
 pytestmark = pytest.mark.discards("stop requests are tried while a response is outstanding")
 
@@ -84,15 +84,6 @@ async def test_closing_waits_for_a_response_that_nobody_wants(rig: Rig, moment_s
         asking = asyncio.ensure_future(lidar.get_health())
         await asyncio.sleep(moment_s)
     await asyncio.gather(asking, return_exceptions=True)
-
-
-async def test_the_response_to_a_question_that_was_cancelled_is_counted_and_dropped(rig: Rig) -> None:
-    async with rig.open() as lidar:
-        rig.device.response_delay_s = 0.05
-        asking = await cancelled(lidar.get_health(), 0.01)
-        assert await lidar.get_info() == lidar.info
-        assert asking.cancelled()
-        assert lidar.stats.late_responses == 1
 
 
 async def test_a_response_that_never_comes_is_waited_for_2_s_but_by_the_stop_requests_for_a_tenth(rig: Rig) -> None:

@@ -37,13 +37,18 @@ async def ask(rig: Rig, lidar: Lidar) -> asyncio.Future[Health]:
 
 
 async def test_behind_a_response_that_nobody_waits_for_the_next_request_follows_at_once(rig: Rig) -> None:
-    """Until it has responded, the device is busy. It is not waited for until the time of the response is over."""
+    """Until it has responded, the device is busy. It is not waited for until the time of the response is over.
+
+    The response is counted, and dropped.
+    """
     async with rig.open() as lidar:
         asked = await ask(rig, lidar)
         asked.cancel()
         # It is asked twice, since responses carry no checksum.
         with takes(0.07, more_than_s=0.059):
-            await lidar.get_info()
+            assert await lidar.get_info() == lidar.info
+        assert asked.cancelled()
+        assert lidar.stats.late_responses == 1
 
 
 async def test_behind_a_response_the_stop_requests_follow_at_once(rplidar: Rig) -> None:
