@@ -45,11 +45,3 @@ def test_a_result_that_comes_too_late_is_discarded_though_the_loop_runs_no_more(
     assert done.wait(30)
     loop.close()
     assert discarded == ["open"]
-
-
-async def test_what_it_raises_is_raised() -> None:
-    def fail() -> None:
-        raise OSError(5, "gone")
-
-    with pytest.raises(OSError, match="gone"):
-        await run_in_thread(fail)

@@ -1,4 +1,4 @@
-"""DTR of a serial port: set when asked, kept when the port is closed, survived where there is none."""
+"""DTR of a serial port: set when asked, kept when the port is closed."""
 
 import asyncio
 import os
@@ -7,11 +7,9 @@ import termios
 import pytest
 
 from lidario import open_lidar, simulate
-from lidario.port.port import Port
 from lidario.port.serial import open_serial
-from lidario.port.simulated import connect_in_memory
 from tests.support.drivers import FakeDriver
-from tests.support.ports import opened, written
+from tests.support.ports import written
 from tests.support.terminals import WaitingPtyServer
 
 OPENED = [True, True, False]
@@ -63,27 +61,6 @@ def test_it_is_set_behind_the_stop_requests_where_the_loop_was_closed(
     port.abandon(b"stop", dtr=True)
     assert before == [(0.01, b"stop", OPENED)]
     assert states(driver) == [*OPENED, True]
-
-
-async def test_a_pseudo_terminal_has_none_and_works_all_the_same(ends: tuple[int, int, str]) -> None:
-    master, _, path = ends
-    async with opened(path) as (port, sink):
-        for asserted in (True, False):
-            port.set_dtr(asserted)
-        port.write(b"out")
-        assert written(master, 3) == b"out"
-        os.write(master, b"in")
-        await sink.until(2)
-    assert sink.lost == [None]
-
-
-async def test_where_there_is_no_line_nothing_happens() -> None:
-    port = Port("nothing")
-    port.set_dtr(True)
-    device = simulate("ydlidar-4ros")
-    in_memory = connect_in_memory(device)
-    in_memory.set_dtr(True)
-    await in_memory.close()
 
 
 @pytest.mark.parametrize("keep_spinning", [False, True])

@@ -53,17 +53,6 @@ def pipe() -> Iterator[tuple[int, int]]:
         os.close(end)
 
 
-def test_each_read_is_kept_with_its_time() -> None:
-    script = Script(b"one", BlockingIOError(), b"three")
-    inbox = script.inbox()
-    for _ in range(3):
-        inbox.read()
-    assert (inbox.size, inbox.first_ns, inbox.last_ns) == (8, 5, 15)
-    assert inbox.take() == ([b"one", b"three"], [(3, 5), (8, 15)])
-    assert (inbox.size, inbox.first_ns) == (0, 0)
-    assert inbox.take() == ([], [])
-
-
 def test_what_waited_together_gets_one_time() -> None:
     """A read returns 4095 bytes at most: the rest of what waited has not come later."""
     inbox = Script(bytes(FULL), bytes(FULL), b"rest", b"not yet").inbox()
@@ -133,21 +122,6 @@ def test_bytes_that_come_right_after_an_empty_read_are_no_end(pipe: tuple[int, i
     terminal.reads = [b"", b""]
     with pytest.raises(OSError, match="hung up"):
         inbox.read()
-
-
-def test_a_terminal_is_read_as_os_read_does() -> None:
-    with terminal_pair() as (master, slave, _):
-        os.set_blocking(slave, False)
-        read = make_read()
-        with pytest.raises(BlockingIOError):
-            read(slave)
-        os.write(master, b"\x00\xa5\xff")
-        assert read(slave) == b"\x00\xa5\xff"
-        os.close(master)
-        with pytest.raises(OSError, match=r"Input/output error|^$"):
-            # Either is the end of the line.
-            assert read(slave) == b""
-            raise OSError
 
 
 def test_the_thread_reads_only_while_the_inbox_is_shared() -> None:

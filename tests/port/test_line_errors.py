@@ -44,12 +44,6 @@ async def test_the_last_counts_outlive_the_adapter(ends: tuple[int, int, str], d
         assert port.errors.framing == 6
 
 
-async def test_a_driver_that_cannot_count_counts_nothing(ends: tuple[int, int, str]) -> None:
-    port = await open_serial(ends[2], 115200)
-    assert port.errors == LineErrors()
-    await port.close()
-
-
 def test_other_systems_count_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.delattr("termios.TIOCGICOUNT")

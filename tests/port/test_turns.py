@@ -70,28 +70,6 @@ async def test_what_comes_in_the_same_turn_shares_its_time() -> None:
     assert worked.done[6:] == ["c0", "c1", "d0"]
 
 
-async def test_a_step_may_bring_more_work() -> None:
-    worked = Worked()
-
-    def outer() -> Iterator[None]:
-        worked.all.add(worked.steps("inner", 1))
-        worked.done.append("outer")
-        yield
-
-    worked.all.add(outer())
-    assert worked.done == ["outer", "inner0"]
-
-
-async def test_a_call_is_a_step_too() -> None:
-    worked = Worked()
-    worked.all.add(map(worked.done.append, ["at once"]))
-    worked.all.add(worked.steps("a", 9))
-    worked.all.add(map(worked.done.append, ["end"]))
-    assert worked.done[-1] == "a3"
-    await worked.end()
-    assert (worked.done[0], worked.done[-2:]) == ("at once", ["a8", "end"])
-
-
 async def test_a_failure_is_told_and_what_waits_behind_it_is_done() -> None:
     worked = Worked()
     worked.all.add(worked.steps("a", 1, fails=True))
