@@ -13,12 +13,17 @@ from hypothesis import strategies as st
 
 from lidario import decode
 from lidario.families.rplidar.simulated import packers
+from lidario.families.ydlidar import formats as ydlidar_formats
 from lidario.revolution.assemble import Assembler, AssemblerStats
 from lidario.revolution.clock import Beginning, RevolutionClock
+from lidario.revolution.pipeline import Pipeline
+from lidario.revolution.seam import Split
 from lidario.scans.scan import Scan
+from lidario.wire.blocks import packet_offsets
+from lidario.wire.events import Packets
 from tests.support.cases import CASES, KINDS, Case
 from tests.support.numbered import BAUD, DENSE, SAMPLE_NS, TURN, Arrival, assemble, numbered, numbers, on_time
-from tests.support.streams import arrived, in_one_run, stream_of
+from tests.support.streams import arrived, cut_up, in_one_run, open_stream, stream_of
 
 # ----------------------------------------------------------------------------------------------------- seams
 
@@ -225,3 +230,63 @@ def test_a_stream_that_its_reader_ends_between_two_revolutions_of_a_read_deliver
     counted = assembler.stats
     assert counted.scans - before == delivered
     assert counted.scan_packets + counted.discarded_packets == len(known) + len(rest)
+
+
+# -------------------------------------------------------------------------------------------- what is read together
+
+
+@pytest.mark.parametrize("chunk", [700, 4096, 40_000])
+def test_packets_of_many_sizes_are_walked_only_by_the_parser(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they begin is found once, and carried with them through the assembler and the decoder."""
+    case = next(case for case in KINDS if case.truth.family == "ydlidar")
+    link, events = open_stream(case), list[Packets]()
+    for piece in cut_up(case.raw, chunk):
+        link.receive_data(piece, 0)
+        events += [event for event in link.events_received() if isinstance(event, Packets)]
+    walks: list[int] = []
+
+    def walk(data: bytes, at: int, size: int) -> int:
+        walks.append(at)
+        return equal_sizes(data, at, size)
+
+    equal_sizes = ydlidar_formats.equal_sizes
+    monkeypatch.setattr(ydlidar_formats, "equal_sizes", walk)
+    assembler = Assembler(stream_of(case))
+    scans = [scan for event in events for scan in assembler.add(event)]
+    assert len(scans) == len(case.turns)
+    assert walks == []
+
+
+@pytest.mark.parametrize("made", [Assembler, Pipeline])
+def test_unless_it_is_told_otherwise_the_wall_clock_is_that_of_the_stamps(
+    made: type[Assembler] | type[Pipeline],
+) -> None:
+    raw = arrived(b"".join(numbered(60, 960)), 60, 10**9)
+    assembler = made(stream_of(DENSE))
+    steps = assembler.ends(raw) if isinstance(assembler, Assembler) else assembler.take(raw)
+    scans = [scan for step in steps for scan in step]
+    assert [scan.wall_stamp_ns for scan in scans] == [scan.stamp_ns for scan in scans] != []
+
+
+@pytest.mark.parametrize(
+    ("changes", "scans"),
+    [
+        ({}, 2),
+        ({"broken": True}, 0),
+        ({"moved": True}, 0),
+        ({"marked": True}, 0),
+        # A mark that ended no revolution has moved it.
+        ({"seam": TURN // 4}, 0),
+    ],
+)
+def test_only_revolutions_with_one_seam_are_decoded_together(changes: dict[str, Any], scans: int) -> None:
+    assembler, packets = Assembler(stream_of(DENSE, sample_ns=float(SAMPLE_NS)), BAUD), numbered(110, 960)
+    for number, packet in enumerate(packets[:60]):
+        assembler.add(arrived(packet, 1, round(on_time(number))))
+    event = arrived(b"".join(packets[60:]), 50, round(on_time(109)))
+    before = assembler.stats.scan_packets
+    first = Split(12, marked=False, broken=False, seam=0)
+    second = first._replace(packet=36, **changes)
+    assert len(assembler.add_block(event, packet_offsets(event.blocks), [first, second], 0, {})) == scans
+    # It has changed nothing where it has made none.
+    assert (assembler.stats.scan_packets > before) == bool(scans)

@@ -8,10 +8,14 @@ from typing import Any
 
 import pytest
 
+from benchmarks.floods.bytes import blob
+from benchmarks.streams import KINDS as STEADY
 from lidario.families.stream import LONGEST_REVOLUTION
 from lidario.revolution.assemble import Assembler, AssemblerStats
+from lidario.revolution.partial import MOST_IN_A_PART
 from lidario.revolution.pipeline import Pipeline
 from lidario.revolution.sectors import SectorAssembler
+from lidario.revolution.together import joined
 from lidario.wire.blocks import packet_offsets
 from lidario.wire.events import Packets
 from lidario.wire.formats import Headings
@@ -111,3 +115,11 @@ def test_few_of_many_packets_are_looked_at_in_one_step(monkeypatch: pytest.Monke
     assert len(scans) > 1
     # A revolution, at most.
     assert max(looked) < 4000 < run.count
+
+
+def test_each_part_is_a_step_also_where_no_revolution_ends() -> None:
+    """As of a peer that floods: all packets have one angle."""
+    pipeline = Pipeline(STEADY["0x85 dense"].stream())
+    pipeline.link.receive_data(blob("endless", 84 * 3 * MOST_IN_A_PART), 1)
+    packets = joined([event for event in pipeline.link.events_received() if isinstance(event, Packets)])
+    assert list(pipeline.take(packets)) == [[], [], []]

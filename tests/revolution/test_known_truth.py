@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from benchmarks.truth_cases import CASES, Case, Line, drifting, happen, lose, lose_share, lose_stretches
 from benchmarks.truth_forms import FORMATS
@@ -107,3 +108,15 @@ def test_packets_that_seem_to_turn_back_may_hide_a_turn(name: str, turns: float)
     outages = partial(lose_stretches, 1.37, turns / FORMATS[name].hertz)
     found = scored(name, Case("", outages, drifting, 7.0))
     assert (found.mixed, found.wrong) == (0, 0)
+
+
+@pytest.mark.parametrize("name", ["0x82 A1", "0x84 A3"])
+def test_while_a_rotor_speeds_up_lost_packets_cost_no_revolution(name: str) -> None:
+    """From rest, so that its arcs are many times as long at the end of a revolution as at the beginning."""
+
+    def starting(hertz: float, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+        return -hertz * np.expm1(-np.maximum(seconds - 1.0, 0.0) / 1.2)
+
+    case = Case("starting slowly", partial(lose_share, 2, spoilt=False), starting, 4.0, begin=0.88)
+    found = scored(name, case)
+    assert (found.delivered, found.told_revolutions, found.wrong) == (found.revolutions, 0, 0)

@@ -112,6 +112,15 @@ def test_pauses_cost_nothing(name: str, phase: float, pauses: list[tuple[float, 
         assert off < 0.1e9 * turn_s
 
 
+@pytest.mark.exhaustive("name", sample=ONE_A_PARSER, full=list(KINDS))
+@pytest.mark.exhaustive("times", sample=[1.5], full=[1.5, 3, 13, 1000])
+def test_what_comes_faster_than_any_rotor_turns_is_delivered(name: str, times: float) -> None:
+    """As where a file is written to a port. Its times tell nothing, and so nothing is early."""
+    scans, pipeline = scans_of(name, [(upto, now / times) for upto, now in reads_of(0.5)])
+    assert [len(scan) for scan in scans] == [len(scan) for scan in clean(name)]
+    assert pipeline.stats.missed_scans == pipeline.stats.broken_scans == 0
+
+
 @pytest.mark.parametrize(("told", "off_ns"), [(1.0, 53e6), (0.85, 100e6)])
 def test_packets_wait_until_the_line_has_caught_up_for_the_rotor_may_have_become_faster(
     told: float, off_ns: float
