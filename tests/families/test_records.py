@@ -1,5 +1,7 @@
 """Records that stand between packets and are no measurement: each is known by its bytes, wherever it stands."""
 
+from itertools import product
+
 import pytest
 
 from lidario.families.camsense.formats import PacketFormat as CamsenseFormat
@@ -16,6 +18,7 @@ from lidario.wire.formats import NO_PACKET, StreamFormat
 from lidario.wire.link import Link
 from tests.reference.ldrobot import crc8
 from tests.support.case import Case
+from tests.support.cases import CASES
 from tests.support.families import ABOUT
 from tests.support.links import receive
 from tests.support.streams import feed
@@ -118,3 +121,18 @@ def test_one_whose_check_value_is_strong_is_known_behind_noise(name: str, size: 
     # A packet is longer: the last one waits for more.
     receive(link, b"noise" + 4 * ALL[name][1], 0, size)
     assert (link.stats.records, link.stats.skipped_bytes) == (3, 5)
+
+
+@pytest.mark.exhaustive("case", sample=CASES)
+def test_of_the_beginning_all_is_said_that_is_said_of_the_whole_or_nothing_yet(case: Case) -> None:
+    """Of packets and records, whichever byte is damaged."""
+    wire, packets = case.make_format(), b"".join(case.packets[:8])
+    not_ready = b"MD0044072501000\n0M^\n\n"  # of a Hokuyo
+    for record in (b"", ALL["ldrobot response"][1], ALL["irobotix rotor"][1], not_ready):
+        for at, changed in product(range(20), (0, 1, 0x80)):
+            data = bytearray(record + packets)
+            data[at] ^= changed
+            for ask in (wire.measure, wire.other_record):
+                whole = ask(data, 0)
+                said = [ask(data[:length], 0) for length in range(1, 40)]
+                assert set(said) <= {0, whole}
