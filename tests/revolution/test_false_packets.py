@@ -1,8 +1,6 @@
 """Noise that passes for a packet costs nothing but the packet in whose place it came."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +9,11 @@ from hypothesis import strategies as st
 
 from lidario.recording.stored_times import StoredTimes
 from lidario.revolution.assemble import Assembler, AssemblerStats
-from lidario.revolution.false_packets import FalsePackets
 from lidario.revolution.pipeline import Pipeline
 from lidario.scans.scan import Scan
 from lidario.wire.formats import HEADING_MASK
 from tests.support.cases import KINDS, Case, named
-from tests.support.numbered import BAUD, DENSE, TURN, assemble, numbered, numbers, on_time
+from tests.support.numbered import BAUD, DENSE, assemble, numbered, numbers, on_time
 from tests.support.streams import in_one_run, stream_of
 
 LEARNED = 20
@@ -76,36 +73,6 @@ def test_it_costs_nothing_else(case: Case, data: st.DataObject) -> None:
         np.testing.assert_array_equal(scan.device_angles, other.device_angles)
         np.testing.assert_array_equal(scan.device_distances, other.device_distances)
         assert scan.lost_packets == other.lost_packets
-
-
-@pytest.mark.parametrize("case", JUDGED, ids=named)
-def test_several_in_one_read_cost_nothing_else_wherever_they_are(case: Case) -> None:
-    run = 40  # so that what lies between the two is as far from one end of it as from the other
-    for first, last in ((4, 35), (12, 27)):
-        packets, before = dict(enumerate(case.packets)), dict(enumerate(case.packets))
-        for place in (run + first, run + last):
-            del before[place]
-            # Of a third of a revolution ahead.
-            ahead = (np.array(turned(case)) - turned(case)[place]) % case.make_format().full_turn
-            packets[place] = case.packets[int(np.argmin(abs(ahead - case.make_format().full_turn // 3)))]
-        (expected, stats), (found, counted) = scans_of(case, before, run), scans_of(case, packets, run)
-        assert counted == replace(stats, false_packets=2)
-        assert [len(scan) for scan in found] == [len(scan) for scan in expected]
-
-
-@pytest.mark.parametrize(
-    ("ahead", "follow"), [([15, 30], True), ([15, 30, 20], False), ([-5], False), ([60], False), ([15, 75], False)]
-)
-@pytest.mark.parametrize("kind", [list[int], np.array])
-def test_each_follows_where_it_is_a_little_ahead(
-    ahead: list[int], follow: bool, kind: Callable[[Any], Any]
-) -> None:
-    """In degrees, of packets of 15 degrees; the one before begins at 10."""
-    wire, false = DENSE.make_format(), FalsePackets(stream_of(DENSE), AssemblerStats())
-    for packet in numbered(LEARNED, 960, 64 * (10 - 15 * (LEARNED - 1)) % TURN):
-        false.drop(run := in_one_run(wire, packet), wire.headings(run))
-    found = false.passing(kind([64 * (10 + each) % TURN for each in ahead]))
-    assert found == ([] if follow else None)
 
 
 @pytest.mark.exhaustive("off", sample=[-2, 1, 4, 16, 64])

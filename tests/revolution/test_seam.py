@@ -1,13 +1,9 @@
 """Where a turn ends: at 0 or where the device says, once a turn, whatever trembles, is lost, or begins anew."""
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidario.revolution.seam import Seam, Split
 from lidario.wire.formats import BEGINS, RESTARTS, Headings
@@ -42,19 +38,6 @@ def test_few_readings_far_from_the_seam(headings: list[int], found: list[int]) -
     assert [split.packet for split in together.splits(headings)] == found
     assert [split.packet for split in array.splits(np.array(headings))] == found
     assert [number for number, heading in enumerate(headings) if single.splits([heading])] == found
-
-
-@pytest.mark.parametrize("kind", [list[int], np.array])
-@pytest.mark.parametrize("before", [[35_950], [10], [20_000, 35_950], [10, 35_950], [20_000, 35_900, 10, 35_950]])
-def test_what_passes_0_may_be_told(before: list[int], kind: Callable[[Any], Any]) -> None:
-    """Also where the rotor trembled over the seam before."""
-    headings = [(before[-1] + 1_500 * number) % TURN for number in range(1, 60)]
-    passing = [at for at, heading in enumerate(headings) if heading < 1_500]
-    told, alone = Seam(TURN, 0), Seam(TURN, 0)
-    for seam in (told, alone):
-        seam.splits(before)
-    found = told.splits(kind(headings), passing)
-    assert [split.packet for split in found] == [at for at in range(59) if alone.splits([headings[at]])]
 
 
 def test_without_a_seam_only_marks_count() -> None:
@@ -129,30 +112,3 @@ def test_a_mark_that_stands_elsewhere_than_the_one_before_has_moved(place: int, 
     seam = Seam(TURN, None)
     seam.splits([0 | BEGINS, *range(500, place, 500)])
     assert seam.splits([place | BEGINS]) == [Split(0, marked=True, broken=False, seam=place, moved=moved)]
-
-
-@pytest.mark.long
-@given(
-    step=st.integers(20, 3_000),
-    tremble=st.integers(0, 300),
-    first=st.integers(0, TURN - 1),
-    count=st.integers(1, 2_000),
-    seed=st.randoms(use_true_random=False),
-)
-def test_a_turning_rotor_splits_once_a_turn(step: int, tremble: int, first: int, count: int, seed: object) -> None:
-    random = seed.randint  # type: ignore[attr-defined]
-    headings: list[int] = []
-    at = first
-    for _ in range(count):
-        at += step
-        headings.append((at + random(-tremble, tremble)) % TURN)
-    found = Seam(TURN, 0).splits(headings)
-    passed = at // TURN - (first + step) // TURN
-    # At both ends, trembling may bring the seam forward or put it off.
-    assert abs(len(found) - passed) <= 1
-    gaps = _gaps([split.packet for split in found])
-    assert all(abs(gap * step - TURN) <= 2 * tremble + step for gap in gaps)
-
-
-def _gaps(places: Sequence[int]) -> list[int]:
-    return [behind - before for before, behind in pairwise(places)]
