@@ -63,7 +63,8 @@ class _Told:
                     if recording.error is not None or (count is not None and recording.scans >= count):
                         return
         except TimeoutError:
-            return
+            if not limit.expired():  # a device that starts no stream, of which `ResponseTimeout` tells
+                raise
 
     def so_far(self) -> str:
         """How much was recorded; empty as long as nothing was."""
@@ -149,7 +150,7 @@ def record(
     try:
         run(work)
     except Stopped:
-        if seconds is not None or count is not None:
+        if seconds is not None or count is not None or told.began is None:
             raise
     finally:
         log.removeFilter(told)

@@ -115,7 +115,7 @@ async def _serve(feeds: list[Feed], port: int, lan: bool, config: str | None) ->
             reading.append(asyncio.create_task(feed.run()))
             reading[-1].add_done_callback(lambda _: begun.set())
         with progress("waiting for the first scan …"):
-            while not all(feed.latest for feed in feeds):
+            while any(feed.latest is None for feed in feeds):  # a scan may be empty
                 await begun.wait()
                 begun.clear()
                 _raise_of(reading)

@@ -45,7 +45,7 @@ class Bench:
     """One open device; made by `open_bench`, and used as its context manager: laser and motor are off afterwards.
 
     Attributes:
-        kind: What leads to the device: ``serial``, ``tcp``, ``udp``, or ``sim`` of a simulated one.
+        kind: What leads to the device: ``serial``, ``tcp``, ``udp``, or of a simulated one ``sim`` or ``device``.
         lidar: The session.
         connection: The line below it: device, conversation and times.
         dialogue: The conversation with the device.

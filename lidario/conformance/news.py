@@ -14,7 +14,8 @@ from typing import Final, NamedTuple
 from lidario.basics.model import ScanMode
 from lidario.conformance.report import Report
 from lidario.conformance.rule import Outcome
-from lidario.families.registry import family_named
+from lidario.families.base import Family
+from lidario.families.registry import FAMILIES
 from lidario.port.simulation import simulate
 from lidario.session.opening import open_lidar
 
@@ -44,8 +45,14 @@ def seen_reports() -> tuple[Seen, ...]:
 
 async def known_of(family: str) -> tuple[Seen, ...]:
     """All that is known of a family: its simulated models, and the reports. Takes a few seconds."""
-    simulated = await asyncio.gather(*map(_of_simulated, family_named(family).simulated))
+    models = [model for known in _named(family) for model in known.simulated]
+    simulated = await asyncio.gather(*map(_of_simulated, models))
     return (*simulated, *seen_reports())
+
+
+def _named(family: str) -> list[Family]:
+    """The family of that name; none where a newer version has made a report of one."""
+    return [known for known in FAMILIES if known.name == family]
 
 
 async def _of_simulated(model: str) -> Seen:
@@ -71,7 +78,7 @@ def news_of(report: Report, known: Iterable[Seen]) -> list[str]:
 
 
 def _news_of_mode(report: Report, mode: ScanMode, known: list[ScanMode]) -> list[str]:
-    if family_named(report.about.info.family).stream_in(mode) is None:
+    if all(known.stream_in(mode) is None for known in _named(report.about.info.family)):
         return [f"mode {mode.name}: its format 0x{mode.response_type:02X} is not known to lidario"]
     if not known:
         return [f"mode {mode.name}: not known of this model"]

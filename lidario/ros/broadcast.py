@@ -89,7 +89,7 @@ class Broadcast(Entered):
 
     @abstractmethod
     def publish(self, scan: Scan) -> None:
-        """Publish a scan. Never waits and never raises: without a router the scan is lost, and counted."""
+        """Publish a scan. Never waits: without a router the scan is lost, and counted."""
 
     @property
     def is_read(self) -> bool:

@@ -248,12 +248,14 @@ class Questions(ABC):
     async def _turns_at(self, hertz: float) -> None:
         measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)
         try:
-            async with asyncio.timeout(SPEED_TIMEOUT_S):
+            async with asyncio.timeout(SPEED_TIMEOUT_S) as limit:
                 async for scan in stream:
                     measured = scan.rpm / 60
                     if hertz != self._hertz or abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
                         return
         except TimeoutError:
+            if not limit.expired():  # no stream begins, of which `ResponseTimeout` tells
+                raise
             raise RemoteProtocolError(
                 f"{hertz:.2f} Hz is set, but the rotor turns at {measured:.2f} Hz after {SPEED_TIMEOUT_S:g} s"
             ) from None

@@ -34,8 +34,9 @@ class SimulatedDevice(Protocol):
     """The device side of a serial line, sans-IO; all times are monotonic nanoseconds and never go back.
 
     A device for which the control line DTR means something also has ``set_dtr(asserted, now)``; one that notices at
-    which speed the host's port runs has ``set_host_baudrate(baudrate, now)``. One that has no serial line but is
-    reached by UDP says so by an attribute ``is_network``.
+    which speed the host's port runs has ``set_host_baudrate(baudrate, now)``; one whose cable may be out has
+    ``unplugged(now)``, which tells whether it is. One that has no serial line but is reached by UDP says so by an
+    attribute ``is_network``.
     """
 
     @property

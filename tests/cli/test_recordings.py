@@ -1,6 +1,7 @@
 """``lidario record``, ``play``, ``export`` and ``info FILE``."""
 
 import json
+import os
 import shlex
 import time
 from concurrent.futures import BrokenExecutor, Executor, Future
@@ -19,6 +20,7 @@ from tests.support.cases import KINDS, Case
 from tests.support.children import BOUND, line_of, until
 from tests.support.devices import some
 from tests.support.loop import run_driven
+from tests.support.ports import terminal_pair
 from tests.support.recorded import Live, assert_same_scans, record, same_points
 
 
@@ -95,6 +97,23 @@ def test_a_recording_that_ends_by_itself_is_told_once(tmp_path: Path) -> None:
     assert process.returncode == 4
     assert said.count("was removed while it was written") == 1
     assert said.splitlines()[-1].startswith(f"error: {path} was removed")
+
+
+@pytest.mark.parametrize("until", [("-t", "2s"), ("-n", "1")])
+def test_a_stream_that_never_begins_is_an_error(tmp_path: Path, until: tuple[str, str]) -> None:
+    """Its `ResponseTimeout` was taken for the end of the time that was asked for."""
+    source, path = "sim://rplidar-s2?via=memory&fault=silent:0.1s", str(tmp_path / "a.mcap")
+    done = invoke_driven("record", source, "-o", path, *until)
+    assert (done.exit_code, done.stdout) == (5, "")
+    assert "error: no response to SCAN" in done.stderr
+
+
+def test_ctrl_c_before_there_is_a_file_names_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with terminal_pair() as (master, _, silent), started("record", silent, "-o", str(path)) as process:
+        os.read(master, 1)  # it asks what is there
+        said, told = end(process)
+    assert (process.returncode, said, path.exists()) == (130, "", False), told
 
 
 @pytest.mark.long

@@ -39,6 +39,20 @@ def test_a_model_that_nobody_knows(report: Report, known: tuple[Seen, ...]) -> N
     assert news[1:] == ["mode Standard: not known of this model", "mode DenseBoost: not known of this model"]
 
 
+def test_a_family_that_this_version_does_not_know(report: Report) -> None:
+    """A report comes from any version, so it is read all the same."""
+    info = replace(report.about.info, family="newvendor", model="NEW N1", model_id=1)
+    tried = (Tried("sample-time", Outcome.BROKEN, "twice of it", 1.0),)
+    newer = replace(report, about=replace(report.about, info=info), tried=tried)
+    assert run_driven(lambda: known_of("newvendor")) == seen_reports()
+    assert news_of(newer, seen_reports()) == [
+        "model NEW N1 (number 1): nobody has reported or simulated one",
+        "mode Standard: its format 0x81 is not known to lidario",
+        "mode DenseBoost: its format 0x85 is not known to lidario",
+        "not held: sample-time: twice of it",
+    ]
+
+
 def test_another_firmware_and_a_report_of_it(report: Report, known: tuple[Seen, ...]) -> None:
     info = replace(report.about.info, firmware="1.31")
     newer = replace(report, about=replace(report.about, info=info))

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from lidario import InvalidValue, RemoteProtocolError
+from lidario import InvalidValue, RemoteProtocolError, ResponseTimeout, Scan, ScanStream
 from tests.support.devices import FAMILIES, Rig, left_still, some
 from tests.support.times import takes
 
@@ -47,6 +47,19 @@ async def test_a_rotor_not_at_its_speed_within_10_s_is_told(rig: Rig, monkeypatc
     async with rig.read() as (lidar, _):
         says = r"^9\S+ Hz is set, but the rotor turns at 9\S+ Hz after 10 s"
         with takes(12.0), pytest.raises(RemoteProtocolError, match=says):
+            await lidar.set_scan_frequency(9.0)
+
+
+async def test_where_no_stream_begins_that_is_the_error(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was told as a rotor that turns at nan Hz."""
+
+    class NotBegun(ScanStream):
+        async def __anext__(self) -> Scan:
+            raise ResponseTimeout("SCAN", 2.0)
+
+    monkeypatch.setattr("lidario.session.questions.ScanStream", NotBegun)
+    async with rig.read() as (lidar, _):
+        with pytest.raises(ResponseTimeout, match="SCAN"):
             await lidar.set_scan_frequency(9.0)
 
 
