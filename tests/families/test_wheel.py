@@ -4,6 +4,7 @@ Where a rotor stands for a while, the revolution in which it stood has more pack
 """
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -22,6 +23,11 @@ def knowing_500() -> Wheel:
     wheel = Wheel(TURN)
     wheel.follow(heads(*turning(*[500] * 20)))
     return wheel
+
+
+def even(hertz: float, packets: int) -> NDArray[np.floating]:
+    """Where an even rotor is at the beginning of each packet, in turns."""
+    return 0.3 + hertz * PACKET_NS * 1e-9 * np.arange(packets)
 
 
 def told(turns: NDArray[np.floating], kept: Iterable[int]) -> list[tuple[list[int], Arcs]]:
@@ -62,8 +68,7 @@ def test_six_spans_that_agree_are_sure_without_times(spans: int) -> None:
 @pytest.mark.parametrize("hertz", [10.0, 20.0, 50.0])
 def test_what_was_told_before_a_speed_was_sure_is_revoked_once(hertz: float, every: int) -> None:
     """The fewer packets a turn has, the more turns pass before time tells."""
-    turns = 0.3 + hertz * PACKET_NS * 1e-9 * np.arange(500)
-    found = told(turns, range(0, 500, every))
+    found = told(even(hertz, 500), range(0, 500, every))
     missing_before = sum(each * packets for each, packets in (arcs.revoked for _, arcs in found))
     right = [lost(arcs) == (every - 1) * len(here) for here, arcs in found]
     first = right.index(True)
@@ -105,6 +110,17 @@ def test_spans_of_many_arcs_that_agree_are_no_speed(times: float) -> None:
     is_speed = times < 9.5
     assert (lost(arcs) == 0) is is_speed
     assert (max(arcs.arc) < 520) is not is_speed
+
+
+@pytest.mark.parametrize("every", [3, 4, 5, 6])
+def test_a_device_slower_than_it_says_has_lost_what_lies_between_its_packets_or_as_many_again(every: int) -> None:
+    """By time, its arcs are half as long. But then, of many gaps, some would be of one and a half of them."""
+    kept = [2 * at for at in range(700) if at % every or at < 4]
+    behind = dict(pairwise(kept))
+    for here, arcs in told(even(4.0, 1400), kept):
+        between = sum((behind[at] - at) // 2 - 1 for at in here)
+        assert arcs.certain
+        assert lost(arcs) == (between if every <= 4 else 2 * between + len(here))
 
 
 @pytest.mark.parametrize("spans", [2, 3, 4])

@@ -72,40 +72,6 @@ def triangulated(beams: Sequence[float], distances: Sequence[int]) -> bytes:
     return nodes
 
 
-@pytest.mark.parametrize("pair", [(4300, 0), (0, 4300), (160, 0), (0, 160), (160, 4300), (4300, 160), (349, 1243)])
-@pytest.mark.parametrize("step", [0.4, 1.02, 1.3])
-def test_where_returns_begin_and_end_nodes_continue_the_beam(pair: tuple[int, int], step: float) -> None:
-    """Their angles leap by up to 10 degrees, and fall back by 9."""
-    before, behind = pair
-    for base in (100.0, 356.0):
-        for count in (1, 30):
-            beams = [base + step * at for at in range(-30, count)]
-            data = bytearray(triangulated(beams, [before] * 30 + [behind] * count))
-            stream = NodeFormat()
-            assert stream.run(data[:150], 0).packets == (Block(5, 30),)
-            assert stream.run(data, 150).packets == (Block(5, count),)
-
-
-def test_so_they_do_where_a_return_has_a_quality_and_no_distance() -> None:
-    """As in the transcript of an A1: such a node lies beside the beam, by what it does not tell."""
-    distances = [0, 0, -490, 0, 0, -360, 404, 405, 407, 0, 0, 412, -3000, 0, 4300, -160] * 3
-    for base in (100.0, 300.0):
-        data = bytearray(triangulated([base + 1.14 * at for at in range(len(distances))], distances))
-        assert NodeFormat().run(data, 0).packets == (Block(5, len(distances)),)
-        assert noise_before(data) == 0
-
-
-@pytest.mark.parametrize("mm", [120, 160, 900, 12000])
-@pytest.mark.parametrize("other", [120, 160, 900, 12000])
-def test_so_they_do_whatever_the_angle_of_one_without_a_distance_is_corrected_by(mm: int, other: int) -> None:
-    """From 3.6 degrees ahead of the beam to 8 behind it; between returns, between none, and between each other."""
-    distances = [4000] * 5 + [-mm, -other, -mm, 4000, 4000, -other, 4000, 0, 0, -mm, 0, -other, 0, 0] + [160] * 5
-    for base in (100.0, 350.0):
-        data = bytearray(triangulated([base + 1.14 * at for at in range(len(distances))], distances))
-        assert NodeFormat().run(data, 0).packets == (Block(5, len(distances)),)
-        assert noise_before(data) == 0
-
-
 def test_behind_a_sample_without_a_distance_nothing_is_told_of_what_is_elsewhere() -> None:
     for beyond in (22.0, -17.0):
         data = bytearray(triangulated([100.0, 101.0, 102.0, 102.0 + beyond], [4000, 4000, -900, 4000]))
@@ -227,52 +193,6 @@ def test_a_mark_stands_within_30_degrees_of_where_the_first_one_did(
         assert bool(went_on.packets) is believed
 
 
-BAD = {
-    "an angle of 360 degrees": node(TURN),
-    "both bits of a mark": b"\x03" + node(TURN - 1)[1:],
-    "neither of them": b"\x00" + node(TURN - 1)[1:],
-    "no check bit": node(TURN - 1)[:1] + b"\xfe" + node(TURN - 1)[2:],
-}
-"""Nodes that cannot be, though they continue those before."""
-
-
-@pytest.mark.parametrize("what", BAD)
-@pytest.mark.parametrize("count", [10, 60])
-def test_a_node_that_cannot_be_ends_the_run_alone_and_in_an_array(count: int, what: str) -> None:
-    stream = in_step(TURN - 7 * count)
-    before, behind = (b"".join(node((TURN + 7 * k) % TURN) for k in range(at, at + count)) for at in (-count, 1))
-    assert stream.run(bytearray(before + BAD[what] + behind), 0).packets == (Block(5, count),)
-
-
-FAR = 90 * 64
-TWICE: dict[str, tuple[bytes, int]] = {
-    "both check bits set": (b"\x03" + node(FAR)[1:], 3),
-    "neither set": (b"\x00" + node(FAR)[1:], 3),
-    "the other one not": (node(FAR, start=True)[:1] + bytes([FAR << 1 & 0xFF]) + node(FAR)[2:], 3),
-    "beyond 360 degrees": (node(TURN + FAR, start=True), 3),
-    "no mark": (node(FAR), 1),
-    "a mark": (node(FAR, start=True), 1),
-}
-"""What stands there in two revolutions before a mark does, and how many nodes that costs."""
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("what", TWICE)
-def test_only_a_node_with_a_mark_tells_where_marks_stand(what: str) -> None:
-    """Far from the others, one is believed where the last one was that was not."""
-    there, cost = TWICE[what]
-    turns = [
-        b"".join(each if angle == FAR else node(angle, start=angle == 0) for angle in range(0, TURN, 32))
-        for each in (there, there, node(FAR, start=True), node(FAR))
-    ]
-    stream, data, at, skipped = in_step(0), bytearray(b"".join(turns)), 0, 0
-    while len(data) - at > 100:
-        stretch = stream.next_stretch(data, at)
-        skipped += 0 if stretch.packets else stretch.end - at
-        at = stretch.end
-    assert skipped == 5 * cost
-
-
 def noise_before(data: bytearray, stream: NodeFormat | None = None) -> int:
     """How far bytes are taken for noise, before nodes or what cannot be decided."""
     stream, at = stream or NodeFormat(), 0
@@ -296,26 +216,6 @@ def test_a_chain_is_found_wherever_it_begins_behind_what_is_none(chain: bytes, s
         assert noise_before(bytearray(noise + chain)) == len(noise)
 
 
-@pytest.mark.parametrize("base", [3000, 5, TURN - 20])
-def test_so_is_a_short_one_that_continues_the_last_node(base: int) -> None:
-    near = b"".join(node((base + 7 * k) % TURN) for k in range(8))
-    leaping = b"".join(node((base + k) % TURN) for k in (5000, 10000, 15000, 20000))
-    for filled in [0, 1, 2, 13, *range(985, 1065, 2)]:
-        noise = leaping * 3 + bytes(filled)
-        found = noise_before(bytearray(noise + near + bytes(400)), in_step((base - 10) % TURN))
-        assert found == len(noise), filled
-
-
-def test_it_may_continue_the_beam() -> None:
-    leaping = b"".join(node(k) for k in (5000, 10000, 15000, 20000))
-    for filled in [0, 13, *range(985, 1065, 4)]:
-        stream = NodeFormat()
-        stream.run(bytearray(triangulated([float(k) for k in range(40, 60)], [0] * 20)), 0)
-        near = triangulated([float(k) for k in range(60, 68)], [4300] * 8)
-        noise = leaping * 3 + bytes(filled)
-        assert noise_before(bytearray(noise + near + bytes(400)), stream) == len(noise), filled
-
-
 @pytest.mark.parametrize(("damaged", "count", "found"), [(1, 3, False), (1, 4, True), (2, 5, True), (3, 4, True)])
 def test_behind_a_few_damaged_nodes_four_that_continue_are_enough(damaged: int, count: int, found: bool) -> None:
     """They are where nodes are due, and what is behind them is damaged, too."""
@@ -323,17 +223,6 @@ def test_behind_a_few_damaged_nodes_four_that_continue_are_enough(damaged: int, 
     nodes = b"".join(node(first + 7 * k) for k in range(count))
     data = bytearray(bytes(5 * damaged) + nodes + bytes(200))
     assert (noise_before(data, stream) == 5 * damaged) is found
-
-
-def test_of_two_that_overlap_the_first_one_counts_wherever_it_begins() -> None:
-    """A chain that begins elsewhere, and by its sixth node continues the last one."""
-    base = 8000
-    leaping = b"".join(node((base + k) % TURN) for k in (5000, 10000, 15000, 20000))
-    chain = b"".join(node(base - 40 * 64 + 8 * 64 * k) for k in range(20))
-    for filled in [20, *range(985, 1065, 2)]:
-        noise = leaping * 3 + bytes(filled)
-        found = noise_before(bytearray(noise + chain + bytes(400)), in_step(base - 10))
-        assert found == len(noise), filled
 
 
 @pytest.mark.parametrize("filled", [20, 1000])
