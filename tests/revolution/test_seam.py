@@ -12,13 +12,6 @@ TURN = 36_000
 """Hundredths of degrees, to be read by eye."""
 
 
-def splits(*degrees: float, seam: int | None = 0) -> list[int]:
-    """Where turns begin, and that a device marked none of them."""
-    found = Seam(TURN, seam).splits([round(each * 100) % TURN for each in degrees])
-    assert not any(split.marked or split.broken for split in found)
-    return [split.packet for split in found]
-
-
 @pytest.mark.parametrize(
     ("headings", "found"),
     [
@@ -41,7 +34,7 @@ def test_few_readings_far_from_the_seam(headings: list[int], found: list[int]) -
 
 
 def test_without_a_seam_only_marks_count() -> None:
-    assert splits(300, 20, 200, 300, 20, seam=None) == []
+    assert Seam(TURN, None).splits([30_000, 2_000, 20_000, 30_000, 2_000]) == []
     seam = Seam(TURN, None)
     assert seam.splits([30_000, 10 | BEGINS, 20_000]) == [Split(1, marked=True, broken=False, seam=10)]
     assert seam.angle == 10
