@@ -15,9 +15,8 @@ from lidario.families.base import Stream
 from lidario.families.ldrobot import BEAM
 from lidario.families.ldrobot.simulated import pack_points
 from lidario.recording.stored_times import StoredTimes
-from lidario.revolution.device_clock import DeviceClock, StampReader
+from lidario.revolution.device_clock import DeviceClock
 from lidario.wire.events import Packets
-from lidario.wire.formats import Ticks
 from lidario.wire.link import Link
 
 MS = 1_000_000
@@ -90,38 +89,6 @@ def test_times_are_even_though_bytes_come_late(seed: int, latest_ms: float) -> N
     assert max(found) - min(found) < 1.0 + latest_ms / 6
 
 
-@pytest.mark.parametrize("begin_ns", [0, 300_000, 29_999_100_000])
-def test_a_stamp_is_the_millisecond_in_which_its_packet_was_measured(begin_ns: int) -> None:
-    """So the middle of what several of them allow is at most half a millisecond off."""
-    reader, off = StampReader(Ticks(MS, 30_000), PACKET_NS), list[float]()
-    for first in range(0, 3000, 25):
-        times = begin_ns + (first + np.arange(25)) * PACKET_NS
-        reader.add((times // MS).astype(np.int64) % 30_000)
-        found = reader.measured(round(times[-1]) + 3 * MS)
-        assert found is not None
-        off.append((found - times[-1]) / MS)
-    assert max(map(abs, off)) <= 0.5
-
-
-@pytest.mark.parametrize("begin_ms", [0, 29_990])
-def test_where_packets_are_missing_the_stamps_do_not_follow_each_other(begin_ms: int) -> None:
-    """Also where the clock begins again. The first packet of all follows none."""
-    stamps = ((begin_ms + np.arange(200) * PACKET_NS / MS).astype(np.int64)) % 30_000
-    for gone in (1, 2, 30):
-        reader = StampReader(Ticks(MS, 30_000), PACKET_NS)
-        ((at, apart_ns),) = reader.gaps(np.delete(stamps[:150], slice(80, 80 + gone)))
-        assert at == 80
-        assert apart_ns == pytest.approx((gone + 1) * PACKET_NS, abs=MS)
-        for first in (0, 40, 80 + gone):
-            reader.restart()
-            assert reader.gaps(stamps[first : first + 5]) == []
-        reader.add(stamps[first : first + 5])
-        assert reader.gaps(stamps[first + 5 :]) == []
-        ((at, apart_ns),) = reader.gaps(stamps[first + 5 + gone :])
-        assert at == 0
-        assert apart_ns == pytest.approx((gone + 1) * PACKET_NS, abs=MS)
-
-
 @pytest.mark.parametrize(("gone", "came"), [(2, 1), (5, 3), (300, 2)])
 def test_the_first_packets_behind_an_outage_are_not_dated_by_those_before_it(gone: int, came: int) -> None:
     """Those are still more, and would tell a time that is earlier by the outage."""
@@ -131,17 +98,6 @@ def test_the_first_packets_behind_an_outage_are_not_dated_by_those_before_it(gon
     ends = [*before, *range(903 + came, len(times), 7)]
     found = errors_ms(received(rows, [(end, round(times[end - 1] + WIRE_NS)) for end in ends]), times)
     assert max(map(abs, found[len(before) // 2 :])) < 0.5
-
-
-@pytest.mark.parametrize(("packet_ns", "fewest"), [(PACKET_NS, 3), (100e6, 1)])
-def test_three_packets_that_follow_each_other_tell_a_time_and_of_whole_revolutions_one(
-    packet_ns: float, fewest: int
-) -> None:
-    reader, told = StampReader(Ticks(MS, 30_000), packet_ns), list[bool]()
-    for at in range(5):
-        told.append(reader.measured(0) is not None)
-        reader.add(np.array([at * packet_ns // MS], np.int64))
-    assert told == [at >= fewest for at in range(5)]
 
 
 @pytest.mark.long
