@@ -12,6 +12,7 @@ cause of the `DeviceLost` that the receiver is told.
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from math import radians
 from typing import Final
 from weakref import WeakValueDictionary
@@ -159,6 +160,9 @@ def connect_in_memory(device: SimulatedDevice, faults: Faults | None = None, *, 
     port = Port(name, device.baudrate)
     line = _LINES[id(device)] = MemoryTransport(asyncio.get_running_loop(), port, MemoryLine(device, faults))
     port.connection_made(line)
+    follow = getattr(device, "on_cable", None)
+    if follow is not None:
+        follow(line.see_soon)
     return port
 
 
@@ -211,6 +215,11 @@ class MemoryTransport(Line):
 
     def poll(self) -> None:
         self._deliver()
+
+    def see_soon(self) -> None:
+        """Look at the device in the next turn of the loop; from any thread."""
+        with suppress(RuntimeError):  # the loop was closed
+            self._loop.call_soon_threadsafe(self._deliver)
 
     def _tell(self, does: Callable[[int], None] | None = None) -> None:
         """Something reaches the device; it is read when it next has something to send that is needed."""

@@ -35,7 +35,8 @@ class SimulatedDevice(Protocol):
 
     A device for which the control line DTR means something also has ``set_dtr(asserted, now)``; one that notices at
     which speed the host's port runs has ``set_host_baudrate(baudrate, now)``; one whose cable may be out has
-    ``unplugged(now)``, which tells whether it is. One that has no serial line but is reached by UDP says so by an
+    ``unplugged(now)``, which tells whether it is, and ``on_cable(callback)`` where that changes by itself: the
+    callback is to be called then. One that has no serial line but is reached by UDP says so by an
     attribute ``is_network``.
     """
 

@@ -6,7 +6,8 @@ spin up, and while the loop of the test waits, time passes a hundred times as fa
 
 import asyncio
 import threading
-from collections.abc import Iterable
+import weakref
+from collections.abc import Callable, Iterable
 
 from lidario import InvalidValue, Received, SimulatedDevice, Wall, WorldLike, simulate
 from lidario.basics.arguments import number, shown, text_of
@@ -74,6 +75,8 @@ class SimulatedLidar:
         self._seed = seed
         self._clocks: set[asyncio.AbstractEventLoop] = set()
         self._now = 0
+        # Not held: the line of a session that is garbage goes with it.
+        self._look: Callable[[], Callable[[], None] | None] = lambda: None
         self.fail(fault)
 
     def __repr__(self) -> str:
@@ -122,8 +125,10 @@ class SimulatedLidar:
         except ValueError as error:
             raise InvalidValue(str(error)) from None
         self._line = MemoryLine(self._device, self._faults)
-        if self._now:
-            self._faults.begin(self._now)
+        # Its time begins at once where the line is in use; and at rest nobody else would look at the line.
+        self._begins_at_once = bool(self._now)
+        if (look := self._look()) is not None:
+            look()
 
     @property
     def is_still(self) -> bool:
@@ -171,8 +176,7 @@ class SimulatedLidar:
 
     def transmit(self, now: int) -> bytes:
         """The bytes that are due by `now`, in nanoseconds."""
-        self._now = now
-        return self._line.read(now)
+        return self._line.read(self._begin(now))
 
     def wakeup(self, now: int) -> int | None:
         """When something is due next, in nanoseconds; None for never, as far as is known."""
@@ -190,12 +194,18 @@ class SimulatedLidar:
         """Whether its cable is out at `now`, nanoseconds."""
         return self._faults.unplugged(now)
 
+    def on_cable(self, callback: Callable[[], None]) -> None:
+        """Call it, also from another thread, when `fail` may have pulled the cable out."""
+        self._look = weakref.WeakMethod(callback)
+
     def _begin(self, now: int) -> int:
         """The first time that it is spoken to: its time begins, and the loop's clock becomes fast.
 
         Returns the time, which begins in another loop where it ended in the one before: that clock was fast.
         """
         before, self._now = self._now, now
+        if self._begins_at_once:
+            self._faults.begin(max(before, now))
         if self._surroundings is not None:
             self._surroundings.begin(now)
         try:
