@@ -52,9 +52,9 @@ class _Told:
         self, recording: lidario.Recording, stream: lidario.ScanStream, seconds: float | None, count: int | None
     ) -> None:
         """Read until there is as much as was asked for, or the recording has ended."""
-        self.began = time.monotonic()
+        self.began, limit = time.monotonic(), asyncio.timeout(None)
         try:
-            async with asyncio.timeout(None) as limit:
+            async with limit:
                 async for _ in stream:
                     if seconds is not None and limit.when() is None:
                         # Not before: until the motor is at its speed, there is nothing to record.

@@ -247,8 +247,9 @@ class Questions(ABC):
 
     async def _turns_at(self, hertz: float) -> None:
         measured, stream = float("nan"), ScanStream(self._scanner, None, 1, False, self._check_open)
+        limit = asyncio.timeout(SPEED_TIMEOUT_S)
         try:
-            async with asyncio.timeout(SPEED_TIMEOUT_S) as limit:
+            async with limit:
                 async for scan in stream:
                     measured = scan.rpm / 60
                     if hertz != self._hertz or abs(measured - hertz) <= SPEED_TOLERANCE * hertz:
