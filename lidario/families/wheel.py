@@ -111,8 +111,8 @@ class Wheel(PacedTurning):
                 # The spans are alike, but time may show that they are several arcs each.
                 if not self._is_confirmed():
                     return self._among_gaps(spans, arrivals, followed=followed)
-            # A rotor that stands shows no arc: keep the last one.
-            self._arc, self._certain, self._strange = float(spans[-1]) or self._arc, True, 0
+            # A rotor that stands, or trembles, shows no arc: keep the last one.
+            self._arc, self._certain, self._strange = float(max(spans[-1], 0)) or self._arc, True, 0
             self._fits, self._fastest = True, float(longest)
             if self._confirmed:
                 self._forget()
@@ -220,7 +220,7 @@ class Wheel(PacedTurning):
             anew = speeds_up or (off > OFF and tells and (goes_on or 0 < likely < span < last))
             if anew or whole == 1:
                 if anew or (off <= OFF and not alone):
-                    last = float(span) or last
+                    last = float(max(span, 0)) or last
                 # A single span that is no arc hides a whole turn. Beside a span of 0, the rotor stops or starts.
                 stands = 0 in (span, likely if at < end else last, arcs[-1] if at else last)
                 arcs.append(float(span) if stands else last)

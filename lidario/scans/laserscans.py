@@ -82,7 +82,7 @@ class LaserScans:
         """The messages of the scans that wait, where a stream ends before the motor ran evenly."""
         waiting, self._waiting = self._waiting, []
         if waiting and self._begin_deg is None:
-            self._begin_deg = _rotor_of(waiting[-1]).begin_deg
+            self._begin_deg = rotor_in_time(waiting[-1]).begin_deg
             if self._beams is None:
                 self._beams = beam_count(_samples_of_turn(waiting[-1]))
         for scan in waiting:
@@ -95,12 +95,13 @@ class LaserScans:
         return later >= earlier or len(self._waiting) >= MOST_WAITING
 
 
-def _rotor_of(scan: Scan) -> Rotor:
-    return scan._in_time_order()._follow_rotor()  # noqa: SLF001 - of use here alone
+def rotor_in_time(scan: Scan) -> Rotor:
+    """How the rotor turned during a scan."""
+    return scan._in_time_order()._follow_rotor()  # noqa: SLF001 - of use in this room alone
 
 
 def _samples_of_turn(scan: Scan) -> int:
     """How many samples a full revolution had, or what of it the device sees; those counted that are missing."""
-    rotor, sample_ns = _rotor_of(scan), scan.time_increment_ns
+    rotor, sample_ns = rotor_in_time(scan), scan.time_increment_ns
     seen_ns = rotor.period_ns * abs(rotor.field_deg) / 360.0
     return max(1, round(seen_ns / sample_ns)) if sample_ns > 0 else len(scan)

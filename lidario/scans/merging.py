@@ -20,6 +20,7 @@ from lidario.basics.arguments import callable_of, moderate, shown
 from lidario.errors import InvalidValue
 from lidario.scans.beams import FARTHEST_STATED_M, NO_RETURN, BeamOptions, NoReturn, beam_count
 from lidario.scans.laserscan import LaserScan
+from lidario.scans.laserscans import rotor_in_time
 from lidario.scans.points import Motion, Mount, Points, Velocity, merge, place
 from lidario.scans.samples import FloatArray
 from lidario.scans.scan import Scan
@@ -164,7 +165,7 @@ class MergedScans:
             merge(*clouds),
             at_ns,
             at_ns + last.wall_stamp_ns - last.stamp_ns,
-            max(scan.duration_ns for scan in scans.values()) * 1e-9,
+            max(rotor_in_time(scan).period_ns for scan in scans.values()) * 1e-9,
             tuple(each for each in range(len(self._mounts)) if each not in scans),
             max_range,
             np.concatenate([free for free, _ in open_ways]),

@@ -145,7 +145,7 @@ def find_lines(data: bytearray, expected: Expected) -> Lines:
         place = data.find(echo, at)
         if place < 0:
             # The last bytes may be the first part of an echo, with the line end before it.
-            return Lines(max(0, len(data) - len(echo)))
+            return Lines(max(at, len(data) - len(echo)))
         at = place + 1
         if place and data[place - 1] != _LINE_END:
             continue

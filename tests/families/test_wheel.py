@@ -230,3 +230,11 @@ def test_packets_in_which_it_stood_are_not_missing_once_a_speed_is_sure() -> Non
     found = told(turns, [*range(450), *range(535, 1500)])
     told_lost = sum(lost(arcs) + arcs.revoked[0] * arcs.revoked[1] for _, arcs in found)
     assert told_lost <= 85
+
+
+def test_one_that_stands_and_trembles_back_a_little_is_followed_when_it_turns() -> None:
+    """Its last span is below 0, and no rotor turns back."""
+    wheel = knowing_500()
+    wheel.follow(heads(*turning(*range(500, 0, -20), 0)))
+    wheel.follow(heads(*turning(*[0] * 40, -1)))
+    assert lost(wheel.follow(heads(*turning(*[500] * 20)))) == 0

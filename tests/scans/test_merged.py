@@ -38,6 +38,16 @@ def pair(scans: MergedScans, one: lidario.Scan, two: lidario.Scan) -> Merged:
     return found
 
 
+async def test_the_time_of_a_scan_is_that_of_a_revolution() -> None:
+    """Of a lidar that sees three quarters of a turn, it was the time of these."""
+    async with lidario.open_lidar("sim://hokuyo-ust10lx?via=memory") as lidar:
+        scan = await lidar.scan()
+    found = MergedScans([Mount()]).take(0, scan)
+    assert found is not None
+    assert scan.duration_ns * 1e-9 < 0.02
+    assert found.scan_time == found.to_laserscan().scan_time == pytest.approx(0.025, rel=1e-3)
+
+
 def test_a_cloud_is_made_when_each_has_a_new_scan() -> None:
     scans = MergedScans([Mount(), Mount(1.0)])
     first = scans.take(0, at(0))

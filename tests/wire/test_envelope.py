@@ -142,6 +142,19 @@ def test_lines_are_waited_for_and_found_behind_anything(stray: bytes) -> None:
     assert found == Lines(len(stray), len(response), b"00P\nVEND:x;y")
 
 
+def test_lines_are_found_wherever_the_bytes_are_divided() -> None:
+    """Of an echo within a line only its last bytes were kept, and taken for the beginning of a line."""
+    expected = Expected(0, 0, largest=40, prefix=b"VV\n", lines=True)
+    received = b"0a0VV\n0F]0FT\n\n" + b"VV\n00P\nVEND:x;1\n\n"
+    for cut in range(len(received)):
+        buffer, found = bytearray(), Lines(0)
+        for piece in (received[:cut], received[cut:]):
+            buffer += piece
+            found = find_lines(buffer, expected)
+            del buffer[: found.stray]
+        assert found.payload == b"00P\nVEND:x;1", cut
+
+
 def test_lines_without_an_end_are_not_waited_for() -> None:
     expected = Expected(0, 0, largest=40, prefix=b"VV\n", lines=True)
     assert find_lines(bytearray(b"VV\n" + b"#" * 37), expected) == Lines(0)
