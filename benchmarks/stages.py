@@ -56,9 +56,6 @@ class _Timed:
         self.seconds += time.perf_counter() - start
         return samples
 
-    def lost(self, packets: Packets) -> int:
-        return self._decoder.lost(packets)
-
     def is_whole(self, packets: Packets, following: bytes) -> bool:
         return self._decoder.is_whole(packets, following)
 

@@ -55,11 +55,6 @@ class ArcDecoder(ABC):
         arcs = self._turning.follow(heads, packets.arrivals)
         return self._samples(packets, heads, arcs, (len(heads.first),), room, seam)
 
-    def lost(self, packets: Packets) -> int:
-        heads = self._heads(packets, None)
-        arcs = self._turning.follow(heads, packets.arrivals)
-        return 0 if arcs.skipped is None else sum(self._gaps(heads, arcs, arcs.skipped)[1])
-
     def is_whole(self, packets: Packets, following: bytes) -> bool:
         heads = self._heads(packets, following)
         return self._turning.copy().follow_several(heads, (len(heads.first),), packets.arrivals) is not None

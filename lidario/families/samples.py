@@ -79,10 +79,6 @@ class Decoder(Protocol):
         """
         ...
 
-    def lost(self, packets: Packets) -> int:
-        """How many packets are missing among the last ones of a stream, as `decode` finds; quicker than that."""
-        return self.decode(packets, None).lost
-
     def tell_time(self, sample_ns: float, *, passes: bool = True) -> None:  # noqa: ARG002
         """Take note of how long a sample takes, before the first packet.
 

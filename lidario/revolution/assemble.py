@@ -101,8 +101,10 @@ class Assembler(SteadyAssembler):
             while done < len(splits):
                 # A revolution begun in pieces is ended in pieces, even if nobody reads sectors any more.
                 by_blocks = not self._parts and self.partial.divided is None
-                ending, several = splits[done:] if by_blocks else splits[done : done + 1], 1
+                ending, at_once = splits[done:] if by_blocks else splits[done : done + 1], 1
                 if not by_blocks:
+                    if not is_dated:
+                        late, is_dated = self._times_of(splits, packets, kept, offsets), True
                     kept = self._keep_until(ending[0].packet, packets, headings, kept, offsets, late)
                 # All scans of a block have the same offset.
                 if self._next_offset_deg is None:
@@ -115,16 +117,16 @@ class Assembler(SteadyAssembler):
                             return
                         continue
                     # Something is wrong in the block. End 1, 2, 4 … revolutions alone, then try a block again.
-                    several, alone = alone, 2 * alone
+                    at_once, alone = alone, 2 * alone
                     if not is_dated:
                         late, is_dated = self._times_of(splits, packets, kept, offsets), True
-                for split in ending[:several]:
+                for split in ending[:at_once]:
                     kept = self._keep_until(split.packet, packets, headings, kept, offsets, late)
                     scan = self._end_at(packets, split, offsets)
                     yield [] if scan is None else [scan]
                     if self.ended != ended:
                         return
-                done += len(ending[:several])
+                done += len(ending[:at_once])
             kept = self._keep_until(count, packets, headings, kept, offsets, late)
         finally:
             self._under_way = kept < count
@@ -194,7 +196,7 @@ class Assembler(SteadyAssembler):
         """Discard the revolution in the making; the packets missing in it are counted all the same."""
         # A single packet shows no gap.
         if self.stats.unfinished_packets > 1 and (packets := self.partial.packets()) is not None:
-            self.stats.lost_packets += self._decoded.lost if self._decoded else self._decoder.lost(packets)
+            self.stats.lost_packets += (self._decoded or self._decoder.decode(packets, None)).lost
         self._decoded = None
         self.stats.finish(self.stats.unfinished_packets, delivered=False)
         self.partial = PartialRevolution(whole=False)

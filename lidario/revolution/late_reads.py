@@ -36,6 +36,8 @@ def ends_within(
     decoder: Decoder,
     wire: StreamFormat,
     sample_ns: float,
+    *,
+    uneven: bool,
 ) -> Ends:
     """When revolutions ended within reads that have gaps behind.
 
@@ -49,11 +51,12 @@ def ends_within(
         decoder: The decoder of the stream.
         wire: The format of the packets.
         sample_ns: Nanoseconds a sample; 0 if unknown, and then every packet has the time of its read.
+        uneven: Whether it was seen (`FalsePackets`) that they do not advance evenly.
     """
     found, follower, seen = dict[int, int](), None, begin
-    # If what came fills the time since the read before, nothing is missing. Other formats were looked at before
-    # (`FalsePackets`); of these, decoding each read twice would take a third longer.
-    little_ns = -math.inf if wire.samples > 1 else wire.samples_in((Block(wire.ordinary, 1),)) * sample_ns / 2
+    # If what came fills the time since the read before, nothing is missing: decoding each read twice would take a
+    # third longer. Where packets did not advance evenly, some are.
+    little_ns = -math.inf if uneven else wire.samples_in((Block(wire.ordinary, 1),)) * sample_ns / 2
     for complete, at_ns in packets.arrivals:
         if complete <= begin:
             last_ns = at_ns

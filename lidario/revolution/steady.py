@@ -126,7 +126,10 @@ class SteadyAssembler:
         unseen, begin = (self.partial.runs, kept) if self._decoded is None else ([], ends_at[0])
         sample_ns, wire = self.incoming.time.known_ns, self._stream.format
         last_ns = self.partial.last_ns
-        return ends_within(packets, begin, offsets, ends_at, unseen, last_ns, self._decoder, wire, sample_ns)
+        decoder, uneven = self._decoder, wire.samples > 1 and self.incoming.passing is None
+        return ends_within(
+            packets, begin, offsets, ends_at, unseen, last_ns, decoder, wire, sample_ns, uneven=uneven
+        )
 
     def _may_be_steady(self, splits: Sequence[Split], first: int) -> bool:
         """Whether enough is known of the revolution in the making and the one before, and all seams are alike."""

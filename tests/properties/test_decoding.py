@@ -61,17 +61,6 @@ def test_any_contents_decode_as_the_scalar_reference_decodes_them(case: Case, se
     assert samples.ends[-1] == len(samples.distance_mm) == len(samples.angle_deg)
 
 
-@pytest.mark.exhaustive("case", sample=KINDS)
-@given(lost=st.sets(st.integers(1, 59), max_size=8), known=st.integers(0, 40))
-def test_what_is_missing_is_found_without_decoding(case: Case, lost: set[int], known: int) -> None:
-    packets = [packet for at, packet in enumerate(case.packets[:60]) if at not in lost]
-    decoder = case.make_decoder()
-    if before := packets[:known]:
-        decoder.decode(run_of(case, before), packets[known] if known < len(packets) else None)
-    if rest := packets[known:]:
-        assert decoder.fork().lost(run_of(case, rest)) == decoder.decode(run_of(case, rest), None).lost
-
-
 @one_a_parser(KINDS)
 @given(seed=seeds, count=st.integers(2, 20), place=st.floats(-0.2, 1.2), somewhere=st.integers(0, TURN - 1))
 def test_the_seam_is_found_where_the_scalar_reference_passes_it(
