@@ -112,6 +112,18 @@ def test_spans_of_many_arcs_that_agree_are_no_speed(times: float) -> None:
     assert (max(arcs.arc) < 520) is not is_speed
 
 
+@pytest.mark.parametrize("before", [0, 3])
+def test_the_fourth_span_in_a_row_that_fits_nothing_is_another_speed(before: int) -> None:
+    """One that is shorter than an arc, and not like the next, hides a whole turn."""
+    wheel = knowing_500()
+    for at in range(before):
+        wheel.follow(heads(*turning(280 + at)))
+    if before:
+        wheel.follow(heads(*turning(500, 1000, 500)))
+    arcs = [float(wheel.follow(heads(*turning(280 + at))).arc[0]) for at in range(6)]
+    assert arcs == [500, 500, 500, 283, 284, 285]
+
+
 @pytest.mark.parametrize("every", [3, 4, 5, 6])
 def test_a_device_slower_than_it_says_has_lost_what_lies_between_its_packets_or_as_many_again(every: int) -> None:
     """By time, its arcs are half as long. But then, of many gaps, some would be of one and a half of them."""

@@ -12,6 +12,7 @@ from lidario.families.rplidar.simulated.packers import pack_dense
 from lidario.families.ydlidar.formats import PointCloud
 from lidario.revolution.ended import EndedRevolution, share_before
 from lidario.revolution.partial import PartialRevolution, SampleArrays
+from lidario.revolution.timing import first_sample_ns
 from lidario.wire.blocks import Block
 from lidario.wire.events import Packets
 
@@ -36,12 +37,24 @@ def partial(packets: int, *, over: float = 0.0, **changes: Any) -> PartialRevolu
     return replace(PartialRevolution(whole=True, behind_gap=False, carried=NO_ARRAYS, runs=[run]), **changes)
 
 
+def ended(packets: int, **changes: Any) -> EndedRevolution:
+    """One of which so many packets came, of 80."""
+    revolution, samples = partial(packets), decoded(packets, 80.0, **changes)
+    here = EndedRevolution(revolution, revolution.runs[0], samples, NO_ARRAYS, 0, [], revoked=0)
+    here.sample_ns, here.spanned_ns, here.told = SAMPLE_NS, packets * EACH * SAMPLE_NS, True
+    return here
+
+
+@pytest.mark.parametrize("certain", [False, True])
+def test_its_first_sample_is_dated_by_its_last_whether_angles_are_certain_or_not(certain: bool) -> None:
+    """Its packets came at 0, later than their last sample by a packet on the line and one and a half samples."""
+    found = first_sample_ns(ended(30, certain=certain), 10_000.0)
+    assert found == pytest.approx(-(30 * EACH - 1 + 1.5) * SAMPLE_NS - 84 * 10_000, abs=1)
+
+
 def test_how_much_of_a_revolution_must_have_come() -> None:
     def least(packets: int, wire: Any = None, **changes: Any) -> float:
-        revolution, samples = partial(packets), decoded(packets, 80.0, **changes)
-        here = EndedRevolution(revolution, revolution.runs[0], samples, NO_ARRAYS, 0, [], revoked=0)
-        here.sample_ns, here.spanned_ns, here.told = SAMPLE_NS, packets * EACH * SAMPLE_NS, True
-        return here.least_ns(wire or DenseFormat(), 0.8 * USUAL_NS)
+        return ended(packets, **changes).least_ns(wire or DenseFormat(), 0.8 * USUAL_NS)
 
     assert least(41) == least(40) == 0.0
     assert least(39) == pytest.approx(0.5 * USUAL_NS)
