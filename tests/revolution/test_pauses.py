@@ -14,13 +14,9 @@ from itertools import accumulate, pairwise
 import pytest
 
 from benchmarks.streams import KINDS, capture
-from lidario.revolution.pauses import Pauses
 from lidario.revolution.pipeline import Pipeline
-from lidario.revolution.stats import AssemblerStats
 from lidario.scans.scan import Scan
-from lidario.wire.blocks import Block
 from lidario.wire.envelope import DESCRIPTOR_SIZE
-from lidario.wire.events import Packets
 
 SECONDS = 3.0
 POLL_S = 0.005
@@ -119,34 +115,6 @@ def test_what_comes_faster_than_any_rotor_turns_is_delivered(name: str, times: f
     scans, pipeline = scans_of(name, [(upto, now / times) for upto, now in reads_of(0.5)])
     assert [len(scan) for scan in scans] == [len(scan) for scan in clean(name)]
     assert pipeline.stats.missed_scans == pipeline.stats.broken_scans == 0
-
-
-@pytest.mark.parametrize(("told", "off_ns"), [(1.0, 53e6), (0.85, 100e6)])
-def test_packets_wait_until_the_line_has_caught_up_for_the_rotor_may_have_become_faster(
-    told: float, off_ns: float
-) -> None:
-    """What is left of the delay may be much of a turn that is faster than the one before the pause.
-
-    By a time of a sample that is too short, it seems never to catch up: then it is as late as it stays.
-    """
-    kind = KINDS["0x85 dense"]
-    raw, wire = capture(kind, 1.0)[DESCRIPTOR_SIZE:], kind.make_format()
-    packet_ns, size, slow_ns = 40 * 31_250, wire.shortest, 150e6
-    pauses, come = Pauses(kind.stream(), AssemblerStats()), 0
-    # All is read at once up to 0.1 s; then nothing for four such turns, and all of that in pieces of 0.06 s.
-    late = [(upto, 700 + number // 4) for number, upto in enumerate(range(150, 700, 60))]
-    reads = [(at, at) for at in range(5, 100, 5)] + late + [(at, at) for at in range(705, 900, 5)]
-    for upto, at in reads:
-        packets = upto * 1_000_000 // packet_ns - come
-        event = Packets(
-            raw[come * size : (come + packets) * size], (Block(size, packets),), ((packets, at * 10**6),)
-        )
-        run = pauses.take(event, told * 31_250, slow_ns)
-        come += packets
-        first = come - (0 if run is None else run.count)
-        for number, at_ns in () if run is None else run.arrivals:
-            assert at_ns - (first + number) * packet_ns < off_ns
-    assert pauses.left() is None
 
 
 class Outage:

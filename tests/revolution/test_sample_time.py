@@ -149,27 +149,6 @@ def test_outages_choose_no_other_rate() -> None:
     assert time.ns == 0.0
 
 
-PAUSES_S = [(0.05, 1.2), (0.4, 1.2), (2.0, 1.2), (0.05, 6.25), (0.4, 6.25)]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["0x84 ultra", "0x85 dense"])
-@pytest.mark.exhaustive(("pause_s", "at_s"), sample=PAUSES_S[::2], full=PAUSES_S)
-def test_a_pause_changes_no_sample_time_of_a_device_that_tells_none(name: str, pause_s: float, at_s: float) -> None:
-    """What is read late and together was measured evenly, and no packet is told as lost."""
-    kind, scans = KINDS[name], list[Scan]()
-    raw = capture(kind, 8.0)[DESCRIPTOR_SIZE:]
-    pipeline = Pipeline(replace(kind.stream(), sample_ns=0.0))
-    reads = [each * 0.005 for each in range(1, 1600) if not at_s < each * 0.005 < at_s + pause_s]
-    for before_s, now_s in pairwise((0.0, *reads)):
-        begin, end = (round(len(raw) * each / 8) for each in (before_s, now_s))
-        scans += pipeline.receive(raw[begin:end], round(now_s * 1e9))
-    stats = pipeline.stats
-    assert (stats.lost_packets, stats.missed_scans, stats.broken_scans) == (0, 0, 0)
-    assert [scan.seq for scan in scans] == list(range(len(scans)))
-    assert all(scan.time_increment_ns == pytest.approx(kind.stream().sample_ns, rel=0.1) for scan in scans[1:])
-
-
 @pytest.mark.parametrize("name", KINDS)
 def test_what_came_at_one_moment_tells_no_time(name: str) -> None:
     """Of a device that tells none: the samples are there, and when they were measured is not known."""

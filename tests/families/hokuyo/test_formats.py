@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidario.errors import RemoteProtocolError
 from lidario.families.hokuyo.commands import ask, check_of, measure, read_lines
 from lidario.families.hokuyo.formats import DistanceFormat, StrengthFormat
 from lidario.families.hokuyo.geometry import Geometry, geometry_of
 from lidario.wire.envelope import Request
-from lidario.wire.events import Descriptor, Packets, Response
+from lidario.wire.events import Packets, Response
 from lidario.wire.formats import BEGINS, NO_PACKET
 from lidario.wire.link import Link
 from lidario.wire.states import LinkState
@@ -38,22 +36,6 @@ def parsed(wire: DistanceFormat, raw: bytes, sizes: list[int]) -> tuple[list[byt
     return hokuyo.split(found) if found else [], link.stats.skipped_bytes, link.stats.record_bytes
 
 
-def test_the_response_and_the_stream_behind_it_are_parsed_in_pieces() -> None:
-    for size in (1, 7, 64, 4096, len(RAW)):
-        link = Link()
-        request = measure("MD", 44, 725, DistanceFormat(GEOMETRY))
-        assert request.data == b"MD0044072501000\n"
-        link.send_request(request)
-        events = []
-        for at in range(0, len(RAW), size):
-            link.receive_data(RAW[at : at + size], at)
-            events += link.events_received()
-        assert events[0] == Descriptor(0x4D, 0, continuous=True)
-        assert sum(event.count for event in events[1:] if isinstance(event, Packets)) == len(BLOCKS) == 20
-        assert (link.stats.skipped_bytes, link.stats.stray_bytes, link.buffered) == (0, 0, 0)
-        assert link.stats.response_bytes == len(RAW) - sum(map(len, BLOCKS))
-
-
 def test_a_refused_stream_does_not_begin() -> None:
     link = Link()
     link.send_request(measure("ME", 44, 725, StrengthFormat(GEOMETRY)))
@@ -70,18 +52,6 @@ def test_a_wrong_character_costs_its_block_and_no_other(place: int) -> None:
         found, skipped, _ = parsed(wire, b"".join([*BLOCKS[:4], bytes(block), *BLOCKS[5:]]), [97])
         assert found == BLOCKS[:4] + BLOCKS[5:]
         assert skipped == len(block)
-
-
-@given(cut=st.integers(0, 2137), rest=st.integers(0, 2137), sizes=st.lists(st.integers(1, 3000), min_size=1))
-def test_what_is_cut_out_or_doubled_costs_what_it_touches(cut: int, rest: int, sizes: list[int]) -> None:
-    raw = b"".join([*BLOCKS[:3], BLOCKS[3][:cut], BLOCKS[4][rest:], *BLOCKS[5:8]])
-    found, skipped, _ = parsed(DistanceFormat(GEOMETRY), raw, sizes)
-    whole = [*BLOCKS[:3], *([BLOCKS[3]] if cut == 2137 else []), *([BLOCKS[4]] if rest == 0 else []), *BLOCKS[5:8]]
-    spliced = BLOCKS[3][:cut] + BLOCKS[4][rest:]
-    if cut == rest and spliced not in (BLOCKS[3], BLOCKS[4]):
-        return  # two halves of which every line may be right
-    assert found == whole
-    assert skipped == len(raw) - sum(map(len, found))
 
 
 @pytest.mark.parametrize(

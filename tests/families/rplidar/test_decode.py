@@ -19,6 +19,7 @@ from lidario.families.rplidar.cabins import ultra_dense_cabins
 from lidario.families.rplidar.decode import DECODERS
 from lidario.families.rplidar.formats import FORMATS
 from lidario.families.rplidar.simulated import packers
+from tests.families.rplidar.about import CASES
 from tests.families.rplidar.test_nodes import triangulated
 from tests.reference import rplidar
 from tests.support.streams import arrived, in_one_run
@@ -116,6 +117,37 @@ def test_what_leans_on_a_lost_packet_has_no_distance(major: int, behind_gap: int
         # A major of 0 leaves its left neighbour, which leans on it, without a distance as well.
         assert ours[:92] == [2560] * 92
         assert ours[93:] == ([2560, 2560, 0] if major else [0, 0, 0])
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_nothing_is_smoothed_across_a_gap(split: bool) -> None:
+    """0x86: distances are halved against the sample before; behind a gap another sample is the one before."""
+    mm = np.full((40, 64), 400)
+    mm[21:] = 402
+    raw = packers.pack_ultra_dense(np.arange(40) * 500, mm, 30)
+    packets = [raw[at : at + 170] for at in range(0, len(raw), 170)]
+    left = [*packets[:20], *packets[21:]]
+    wire, decoder = FORMATS[0x86](), DECODERS[0x86]()
+    if split:
+        # The gap is between two stretches that are decoded one after the other.
+        decoder.decode(in_one_run(wire, b"".join(left[:20])), left[20])
+        behind = decoder.decode(in_one_run(wire, b"".join(left[20:])), None).distance_mm[:64]
+    else:
+        behind = decoder.decode(in_one_run(wire, b"".join(left)), None).distance_mm[20 * 64 : 21 * 64]
+    assert set(behind.tolist()) == {402.0}
+    # Where nothing is missing, the step is halved, as the vendor does.
+    whole = DECODERS[0x86]().decode(in_one_run(wire, raw), None).distance_mm[21 * 64 : 22 * 64]
+    assert whole[0] == 401.0
+
+
+@pytest.mark.parametrize("kind", DECODERS)
+def test_one_packet_alone_tells_no_speed(kind: int) -> None:
+    case = next(case for case in CASES if case.response_type == kind)
+    run = in_one_run(case.make_format(), case.packets[0])
+    samples = case.make_decoder().decode(run, None)
+    # But for 0x83, whose packets tell the angle of each sample.
+    assert samples.certain == (kind == 0x83)
+    assert samples.certain or (samples.last.samples, samples.last.packets) == (0, 0)
 
 
 @pytest.mark.parametrize("back", [False, True])
