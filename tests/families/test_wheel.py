@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lidario.families.pace import Pace
 from lidario.families.rplidar.node_steps import NodeSteps
 from lidario.families.spans import Arcs, Turning
 from lidario.families.wheel import Wheel
@@ -250,3 +251,13 @@ def test_one_that_stands_and_trembles_back_a_little_is_followed_when_it_turns() 
     wheel.follow(heads(*turning(*range(500, 0, -20), 0)))
     wheel.follow(heads(*turning(*[0] * 40, -1)))
     assert lost(wheel.follow(heads(*turning(*[500] * 20)))) == 0
+
+
+@pytest.mark.parametrize("spans", [[0] * 12 + [960] * 24, [960] * 24 + [0] * 12, [960] * 24])
+def test_time_tells_that_an_arc_is_too_short_also_where_the_rotor_stood_in_one_half_of_it(spans: list[int]) -> None:
+    """No packet is missing, and the rotor turned by more than twice as many arcs as the device had time for."""
+    pace = Pace(TURN)
+    for number, span in enumerate(spans):
+        pace.add([span], [(1, number * PACKET_NS)])
+    assert pace.is_too_short(PACKET_NS, 240.0)
+    assert not pace.is_too_short(PACKET_NS, 960.0)
