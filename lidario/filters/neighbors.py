@@ -125,7 +125,8 @@ class RadiusOutlierFilter(MaskFilter):
         window: Among how many samples before and behind it they are sought.
 
     Raises:
-        InvalidValue: `radius_search` is no number from 0 to 1e6, or one of the others is not from 1 to 50.
+        InvalidValue: `radius_search` is no number from 0 to 1e6, `min_neighbors` none from 1 to 100, or
+            `window` none from 1 to 50.
     """
 
     radius_search: float = 0.15

@@ -84,7 +84,7 @@ class Assembler(SteadyAssembler):
     def ends(self, event: Packets) -> Iterator[list[Scan]]:
         """As `add`, but yields one revolution or one block at a time.
 
-        Packets that are left when it is closed, or when the stream is ended meanwhile, count as discarded.
+        Packets left when it is closed behind its first step, or the stream is ended meanwhile, count as discarded.
         """
         taken = self.incoming.take(event, self._clock.usual_ns)
         return iter(()) if taken is None else self._ends_in(*taken)

@@ -5,7 +5,7 @@
 It has three verbs: `receive_data`, `events_received`, `send_request`. Time is an argument. While it streams, it
 does not search for a descriptor. While it waits for a response, it accepts only the one that was requested, by type
 *and* length, since ``A5 5A`` stands in scan data by chance about four times a second. No bytes raise an exception;
-only misuse does: `LocalProtocolError`.
+only misuse does: `LocalProtocolError`. (`OverflowError` would be a mistake in the parser.)
 
 Every byte is counted in exactly one field of `LinkStats`, or is still in the buffer. The buffer is bounded: data is
 fed in slices, noise leaves at once, and a response longer than the largest expected one is not waited for.

@@ -61,7 +61,7 @@ class FrameDecoder(SlotDecoder):
 
 
 def frames_a_turn(packets: bytes) -> int:
-    """How many frames a revolution has, by some of them, the first of which begins at 0: how far they are apart."""
+    """How many frames a revolution has, by how far some of them are apart; slots are counted from angle 0."""
     apart = np.diff(frames_in(packets)[0], prepend=0) % FULL_TURN
     # By which number the ways between them are nearest to whole slots.
     slots = {frames: FULL_TURN // frames for frames in (FrameFormat.frames, FifteenFormat.frames)}
