@@ -91,7 +91,6 @@ class Fleet(Entered):
         self._bus: Bus | None = None
         self._loop: asyncio.AbstractEventLoop | None = None  # in which it was opened
         self._senders = Senders(_tell_mixed)
-        self._missing: dict[str, int] = {}
         self._gaps = 0
         self._closed = False
         self.bad_messages: int = 0
@@ -181,17 +180,13 @@ class Fleet(Entered):
         if found is None:
             self.bad_messages += 1
             found = ()
-        # Where no scan tells of a gap yet, the next one does.
-        gap += self._missing.pop(sample.key, 0)
+        self._scans.miss(sample.key, gap)
         for scans in found:
             for scan in scans:
-                self._scans.put(FleetScan(sample.key, scan, 0 if attachment is None else attachment.time_ns, gap))
-                gap = 0
+                self._scans.put(FleetScan(sample.key, scan, 0 if attachment is None else attachment.time_ns, 0))
             if scans:
                 self._news.set()
             yield
-        if gap and len(self._missing) < MOST_MISSING:
-            self._missing[sample.key] = gap
 
     def _scans_of(self, sample: Sample, attachment: Attachment | None) -> Iterable[list[Scan]] | None:
         """The scans that a message holds or completes, in steps; None where it is none of ours."""
@@ -220,13 +215,20 @@ class WaitingScans:
         self._depth = depth
         self._order: deque[str] = deque()
         self._scans: dict[str, deque[FleetScan]] = {}
+        self._missing: dict[str, int] = {}
         self._size = 0
 
     def __len__(self) -> int:
         return len(self._order)
 
+    def miss(self, key: str, count: int) -> None:
+        """So many messages of a lidar are missing before its next scan, which tells it."""
+        if count and (key in self._missing or len(self._missing) < MOST_MISSING):
+            self._missing[key] = self._missing.get(key, 0) + count
+
     def put(self, item: FleetScan) -> None:
         """Add a scan; the oldest one of its lidar gives way where there are too many."""
+        item = item._replace(lost=item.lost + self._missing.pop(item.key, 0))
         held = self._scans.setdefault(item.key, deque())
         held.append(item)
         self._size += _size(item)
@@ -258,6 +260,8 @@ class WaitingScans:
         self.dropped += 1
         if held := self._scans.get(key):
             held[0] = held[0]._replace(lost=held[0].lost + gone.lost + 1)
+        else:
+            self.miss(key, gone.lost + 1)
 
 
 def _size(item: FleetScan) -> int:

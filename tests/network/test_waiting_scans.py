@@ -27,8 +27,9 @@ class Key(str):
 
 
 def test_nothing_is_kept_of_a_lidar_whose_scans_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lidars come and go, and their number is not ours."""
+    """Lidars come and go, and their number is not ours. Of a bounded number it is kept how many were dropped."""
     monkeypatch.setattr(fleet, "MOST_BYTES", 1)
+    monkeypatch.setattr(fleet, "MOST_MISSING", 0)
     scans, keys = WaitingScans(2), [Key("dropped"), Key("taken")]
     kept = [weakref.ref(key) for key in keys]
     while keys:
@@ -62,3 +63,19 @@ def test_scans_that_take_the_place_of_smaller_ones_are_bounded_too(monkeypatch: 
     for number in range(12):
         scans.put(FleetScan(f"k{number}", large if number == 11 else FOUR, 0, 0))
     assert [scans.take().key for _ in range(len(scans))] == [f"k{number}" for number in range(2, 12)]
+
+
+def test_what_the_bound_of_bytes_drops_is_told_by_the_next_scan_of_that_lidar(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It was its only scan that waited."""
+    monkeypatch.setattr("lidario.ros.fleet.MOST_BYTES", 5000)
+    scans, scan = WaitingScans(1), make_scan([0.0] * 100, 1.0)
+    for number in range(20):
+        scans.put(FleetScan(f"robots/{number}/scan", scan, 0, 1))
+    assert scans.dropped > 10
+    for number in range(20):
+        scans.put(FleetScan(f"robots/{number}/scan", scan, 0, 0))
+    told = [scans.take() for _ in range(len(scans))]
+    # Each lidar has lost one message on the way, and its scans before this one were dropped.
+    assert {each.lost for each in told} == {2}
